@@ -1,0 +1,1 @@
+"""Control laws, and the controllers made of them."""

@@ -1,0 +1,166 @@
+"""The composite adaptive controller: regression, extension, mixing, law and control, in line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from eladapt.control.finite_time import FiniteTimePD
+from eladapt.control.gains import derive_gains
+from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
+from eladapt.estimation.adaptation import CompositeLaw
+from eladapt.estimation.excitation import Excitation, GateMonitor
+from eladapt.estimation.extensions import LeastSquares
+from eladapt.estimation.mixing import Directional
+from eladapt.estimation.regressions import ForceBalance
+from eladapt.robot.model import Robot
+from eladapt.robot.regressors import Regressors
+from eladapt.signals import Measurement, MixedRegression, Regression
+
+
+class RegressionBlock(Protocol):
+    """What turns measurements into y = Omega theta."""
+
+    def init(self, measurement: Measurement) -> Any: ...
+    def step(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Regression]: ...
+
+
+class ExtensionBlock(Protocol):
+    """What accumulates regressions."""
+
+    def init(self, n_parameters: int) -> Any: ...
+    def step(self, information: Any, regression: Regression, dt: float) -> Any: ...
+
+
+class MixingBlock(Protocol):
+    """What makes scalar regressions of the accumulated ones."""
+
+    def mix(self, information: Any, n_potential: int) -> MixedRegression: ...
+
+
+class ControllerState(NamedTuple):
+    """Everything that the controller remembers; arrays and NamedTuples of arrays only."""
+
+    measurement: Measurement  # the last one seen
+    theta: np.ndarray  # (n_potential,) estimate of theta_U
+    filters: Any  # of the regression block
+    regression: Regression
+    information: Any  # of the extension block
+    mixed: MixedRegression
+    excitation: Excitation
+
+
+@dataclass(frozen=True, eq=False)
+class CompositeController:
+    """(278) with (318): finite-time regulation that learns theta_U on the way.
+
+    control.b and law.b must agree (c = b). effort_limit (nv,) [N m]: the torque is clipped to it;
+    the estimator sees the torque that was applied, so clipping corrupts nothing.
+    """
+
+    regressors: Regressors
+    regression: RegressionBlock
+    extension: ExtensionBlock
+    mixing: MixingBlock
+    law: CompositeLaw
+    control: FiniteTimePD
+    effort_limit: float | np.ndarray = np.inf
+
+    def __post_init__(self) -> None:
+        nv, j = self.regressors.robot.nv, self.regressors.n_potential
+        for name in ("P", "D", "D_L"):
+            require_gain(name, getattr(self.control, name), nv, zero=name == "D_L")
+        for name in ("Gamma", "Upsilon"):
+            require_gain(name, getattr(self.law, name), j)
+        if abs(self.law.b - self.control.b) > 1e-12:
+            raise ArgumentError(
+                f"law.b: expected the control law's exponent b = {self.control.b:g} (c = b, (471)), "
+                f"got {self.law.b:g}"
+            )
+        if isinstance(self.mixing, Directional) and not self.law.scalar_rate:
+            raise ArgumentError(
+                "Gamma, Upsilon: Directional mixing needs one common value of Gamma * Upsilon"
+            )
+        limit = np.asarray(self.effort_limit, dtype=float)
+        if limit.shape not in ((), (nv,)) or np.isnan(limit).any() or np.any(limit <= 0):
+            raise ArgumentError(
+                f"effort_limit: expected positive, scalar or ({nv},), got {self.effort_limit!r}"
+            )
+        object.__setattr__(self, "effort_limit", np.broadcast_to(limit, (nv,)))
+
+    @classmethod
+    def for_robot(cls, robot: Robot, dt: float = 1e-3) -> CompositeController:
+        """Every gain derived from the URDF, for steps of dt [s]; see `eladapt.control.gains`."""
+        gains = derive_gains(robot, dt)
+        regressors = Regressors(robot)
+        return cls(
+            regressors=regressors,
+            regression=ForceBalance(regressors, gains.pole, weight=gains.row_weight),
+            extension=LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0),
+            mixing=Directional(),
+            law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon),
+            control=FiniteTimePD(gains.P, gains.D, gains.D_L),
+            effort_limit=robot.effort_limit,
+        )
+
+    @property
+    def robot(self) -> Robot:
+        return self.regressors.robot
+
+    def init(
+        self, measurement: Measurement, theta0: Sequence[float] | np.ndarray | None = None
+    ) -> ControllerState:
+        """Filters at rest at the first measurement, theta_U = theta0 (n_potential,), or zero."""
+        self._check(measurement)
+        j = self.regressors.n_potential
+        theta = np.zeros(j) if theta0 is None else require_vector("theta0", theta0, j)
+        filters = self.regression.init(measurement)
+        information = self.extension.init(len(self.regressors))
+        mixed = self.mixing.mix(information, j)
+        empty = Regression(filters.y, filters.omega)
+        excitation = GateMonitor().init(np.size(mixed.delta))
+        return ControllerState(measurement, theta, filters, empty, information, mixed, excitation)
+
+    def step(
+        self, state: ControllerState, measurement: Measurement, goal: np.ndarray, dt: float
+    ) -> tuple[ControllerState, np.ndarray]:
+        """The state at ``measurement`` and the torque (nv,) [N m] to hold until the next one.
+
+        goal: q_d (nq,). dt [s]: time since the measurement before, and until the next. A measurement
+        with the time stamp of the last one (as the first after `init`) is the same sample: nothing
+        is advanced. Raises ArgumentError for wrong shapes, non-finite numbers, or time running back.
+        """
+        self._check(measurement)
+        goal = self.robot.check_q(goal, "goal")
+        dt = require_number("dt", dt, 0)
+        e1 = self.robot.difference(goal, measurement.q)
+        psi = self.regressors.gravity(measurement.q)
+        if measurement.t > state.measurement.t:
+            state = self._advance(state, measurement, psi, e1, dt)
+        elif measurement.t < state.measurement.t:
+            raise ArgumentError(
+                f"measurement.t: expected {state.measurement.t} s or later, got {measurement.t} s"
+            )
+        mass_matrix = self.robot.mass_matrix(measurement.q)
+        feedback = self.control.torque(e1, measurement.v, mass_matrix, dt)
+        tau = np.clip(feedback + psi @ state.theta, -self.effort_limit, self.effort_limit)
+        return state, tau
+
+    def _advance(
+        self, state: ControllerState, measurement: Measurement, psi: np.ndarray, e1: np.ndarray, dt: float
+    ) -> ControllerState:
+        filters, regression = self.regression.step(state.filters, measurement, dt)
+        information = self.extension.step(state.information, regression, dt)
+        mixed = self.mixing.mix(information, self.regressors.n_potential)
+        theta = self.law.step(state.theta, psi, e1, measurement.v, mixed, dt)
+        excitation = GateMonitor(self.law.b, self.law.d).step(state.excitation, mixed, dt)
+        return ControllerState(measurement, theta, filters, regression, information, mixed, excitation)
+
+    def _check(self, measurement: Measurement) -> None:
+        require_number("measurement.t", measurement.t, -np.finfo(float).max)
+        self.robot.check_q(measurement.q, "measurement.q")
+        self.robot.check_v(measurement.v, "measurement.v")
+        self.robot.check_v(measurement.tau, "measurement.tau")

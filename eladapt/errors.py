@@ -1,0 +1,112 @@
+"""What can go wrong, as one family of exceptions; each carries its data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class EladaptError(Exception):
+    """Base of every error that eladapt raises on purpose."""
+
+
+class ArgumentError(EladaptError, ValueError):
+    """An argument has the wrong shape, a non-finite entry or a value outside its range."""
+
+
+class UnknownNameError(EladaptError, LookupError):
+    """A name that does not exist; the message lists the legal ones."""
+
+    def __init__(self, kind: str, names: Sequence[str], legal: Sequence[str]):
+        self.kind, self.names, self.legal = kind, tuple(names), tuple(legal)
+        given = ", ".join(repr(name) for name in names)
+        super().__init__(f"unknown {kind} {given}; legal names: {', '.join(legal) or '(none)'}")
+
+
+class Finding(NamedTuple):
+    """One thing wrong with a robot description."""
+
+    element: str
+    value: str
+    problem: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.element}: {self.value}: {self.problem}. {self.remedy}"
+
+
+class UrdfError(EladaptError):
+    """A robot description that cannot be used; ``findings`` lists every reason found."""
+
+    def __init__(self, path: str | Path, findings: Sequence[Finding]):
+        self.path, self.findings = Path(path), tuple(findings)
+        lines = "\n".join(f"  - {finding}" for finding in self.findings)
+        super().__init__(f"{self.path}:\n{lines}")
+
+
+class SimulationError(EladaptError):
+    """A run that ended early; ``record`` holds all that happened until then."""
+
+    def __init__(self, message: str, record: Any = None):
+        self.record = record
+        super().__init__(message)
+
+
+class RecordError(EladaptError):
+    """A file that is not a readable record."""
+
+
+class RankWarning(UserWarning):
+    """The rank of the sampled regressors is not clear-cut."""
+
+
+def require_vector(name: str, value: Any, size: int) -> np.ndarray:
+    """``value`` as a float vector of shape (size,); ArgumentError when it is not, or not finite."""
+    try:
+        vector = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as reason:
+        raise ArgumentError(f"{name}: expected {size} numbers, got {value!r} ({reason})") from None
+    if vector.shape != (size,):
+        raise ArgumentError(f"{name}: expected shape ({size},), got {vector.shape}")
+    if not np.isfinite(vector).all():
+        raise ArgumentError(f"{name}: expected finite numbers of shape ({size},), got {vector}")
+    return vector
+
+
+def require_gain(name: str, value: Any, size: int | None = None, *, zero: bool = False) -> np.ndarray:
+    """A positive (or, with ``zero``, non-negative) gain: a scalar or (size,) diagonal, as an array.
+
+    A (size, size) diagonal matrix is accepted and its diagonal returned.
+    """
+    try:
+        gain = np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as reason:
+        raise ArgumentError(f"{name}: expected a number or a vector, got {value!r} ({reason})") from None
+    if gain.ndim == 2 and gain.shape[0] == gain.shape[1]:
+        if np.any(gain != np.diag(np.diag(gain))):
+            raise ArgumentError(f"{name}: expected a diagonal matrix, got off-diagonal entries in {gain}")
+        gain = np.diag(gain).copy()
+    if gain.ndim > 1 or (size is not None and gain.ndim == 1 and gain.shape != (size,)):
+        raise ArgumentError(f"{name}: expected a scalar or shape ({size or 'n'},), got shape {gain.shape}")
+    least = "non-negative" if zero else "positive"
+    if not np.isfinite(gain).all() or np.any(gain < 0) or (not zero and np.any(gain == 0)):
+        raise ArgumentError(f"{name}: expected {least} finite values, got {gain}")
+    return gain if size is None else np.broadcast_to(gain, (size,)).copy()
+
+
+def require_number(name: str, value: Any, low: float, high: float = np.inf, *, closed: bool = False) -> float:
+    """``value`` as a float in (low, high), or in [low, high] with ``closed``."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{name}: expected a number, got {value!r}") from None
+    inside = low <= number <= high if closed else low < number < high
+    if not inside or not np.isfinite(number):
+        brackets = "[]" if closed else "()"
+        raise ArgumentError(
+            f"{name}: expected a finite number in {brackets[0]}{low:g}, {high:g}{brackets[1]}, got {value!r}"
+        )
+    return number

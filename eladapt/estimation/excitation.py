@@ -1,0 +1,67 @@
+"""How much has been excited: gates, their integrals, and interval excitation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import expit
+
+from eladapt.estimation.extensions import Information, Kreisselmeier, accumulate
+from eladapt.signals import MixedRegression, Regression
+
+
+def saturation(delta: float | np.ndarray, c: float, d: float) -> np.ndarray:
+    """f(Delta) = |Delta|^d sign(Delta) / (1 + |Delta|^(c + d)) (fphi)."""
+    size = np.abs(delta)
+    return np.sign(delta) * size**d / (1 + size ** (c + d))
+
+
+def zeta_1(delta: float | np.ndarray, b: float, d: float) -> np.ndarray:
+    """zeta_1 = f(Delta) Delta^b for Delta >= 0 and c = b, in [0, 1): a logistic curve in log Delta."""
+    return expit((b + d) * log_delta(delta))
+
+
+def log_delta(delta: float | np.ndarray) -> np.ndarray:
+    """The natural logarithm of Delta, -inf where nothing is excited."""
+    with np.errstate(divide="ignore"):
+        return np.log(np.asarray(delta, dtype=float))
+
+
+class Excitation(NamedTuple):
+    """What the adaptation law has seen: one entry, or one a direction."""
+
+    gates: np.ndarray  # (k,) zeta_1 now
+    integral: np.ndarray  # (k,) its integral [s]; (IELSDREM) asks for it to grow
+
+
+@dataclass(frozen=True)
+class GateMonitor:
+    """Integrates zeta_1 (476c), the quantity in which both finite-time propositions are stated."""
+
+    b: float = 0.5
+    d: float = 0.5
+
+    def init(self, size: int) -> Excitation:
+        return Excitation(np.zeros(size), np.zeros(size))
+
+    def step(self, excitation: Excitation, mixed: MixedRegression, dt: float) -> Excitation:
+        gates = np.broadcast_to(zeta_1(mixed.delta, self.b, self.d), excitation.gates.shape)
+        return Excitation(gates, excitation.integral + dt * gates)
+
+
+@dataclass(frozen=True)
+class IntervalExcitation:
+    """The integral of Omega'Omega since the start (502), kept as a triangle."""
+
+    def init(self, n_parameters: int) -> Information:
+        return Kreisselmeier().init(n_parameters)
+
+    def step(self, information: Information, regression: Regression, dt: float) -> Information:
+        return information._replace(triangle=accumulate(information.triangle, 1.0, dt, regression))
+
+    @staticmethod
+    def level(information: Information) -> float:
+        """mu: the smallest eigenvalue of the integral so far."""
+        return float(np.linalg.svd(information.triangle[:-1, :-1], compute_uv=False)[-1] ** 2)

@@ -1,0 +1,297 @@
+"""What a URDF must satisfy before Pinocchio reads it, and what its model must satisfy after.
+
+Pinocchio's reader drops what it cannot use and says so on stderr only: a mass of "1,5" makes a link
+without inertia, a joint that closes a loop disappears. So the file is checked first, and all its faults
+are reported at once. What only whole bodies show (links on fixed joints are one body) is checked on
+the model.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+import pinocchio as pin
+from defusedxml.common import DefusedXmlException
+from defusedxml.ElementTree import iterparse
+
+from eladapt.errors import Finding, UrdfError
+from eladapt.robot.urdf_numbers import label_of, number_findings, parse, parts
+
+# Published robots reach 0.2 MB, depth 7 and 129 joints. Pinocchio's reader recurses along a chain and kills
+# the process at the end of the stack: measured between 200 and 250 joints on 512 KiB (a thread's, on some
+# systems), between 3000 and 4000 on 8 MiB.
+MAX_BYTES = 5_000_000
+MAX_DEPTH = 32
+MAX_JOINTS = 200
+
+MOVING = ("revolute", "continuous", "prismatic")
+SHORTEST_AXIS = 1e-6
+
+# Published links lie on the very boundary of the physical (rods without width, point masses): allow rounding.
+INERTIA_TOLERANCE = 1e-9  # of the largest principal moment
+LEAST_GYRATION = 1e-6  # [m] a radius of gyration below this is none
+# The mass matrix, scaled to unit diagonal, of published arms stays above 0.008 over 200 postures.
+SINGULAR = 1e-9
+POSTURES = 50
+
+
+def read_urdf(path: str | Path) -> Element:
+    """The <robot> element of a file from outside, read without entities and within bounds of size.
+
+    Raises UrdfError for what is not a file, not XML, not a <robot>, or too large for a reader.
+    """
+    path = Path(path)
+    root = _parse_xml(path, _read_bytes(path))
+    namespace = root.tag[: root.tag.find("}") + 1]
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(namespace)
+    if root.tag != "robot":
+        raise _refusal(path, "root element", f"<{root.tag}>", "expected <robot>", "Convert the file to URDF")
+    for tag, most in (("joint", MAX_JOINTS), ("link", MAX_JOINTS + 1)):
+        if (number := len(root.findall(tag))) > most:
+            remedy = "Leave out what the arm does not need"
+            raise _refusal(path, "<robot>", f"{number} {tag}s", f"expected at most {most}", remedy)
+    return root
+
+
+def check_urdf(path: str | Path) -> None:
+    """Refuse a URDF that is not a fixed-base tree of 1-DoF joints with finite numbers throughout.
+
+    Raises UrdfError with every fault found; each names the element, the value and what to do.
+    """
+    root = read_urdf(path)
+    findings = list(_unexpanded(root))
+    if not findings:  # what else such a file holds is not what it will hold
+        findings = [*_names(root), *_joints(root), *_tree(root), *number_findings(root)]
+    if findings:
+        raise UrdfError(path, findings)
+
+
+def check_mimics(path: str | Path, locked: Iterable[str]) -> None:
+    """Refuse joints that follow another one, unless they are locked: they would be left free."""
+    locked = set(locked)
+    findings = []
+    for joint in read_urdf(path).findall("joint"):
+        mimic, name = joint.find("mimic"), joint.get("name", "")
+        if mimic is not None and joint.get("type") in MOVING and name not in locked:
+            value = f"mimics {mimic.get('joint')!r}"
+            problem = "a coupled joint has no torque of its own"
+            findings.append(Finding(f'joint "{name}"', value, problem, f"Lock it: locked=[{name!r}, ...]"))
+    if findings:
+        raise UrdfError(path, findings)
+
+
+def check_model(model: pin.Model, path: str | Path) -> None:
+    """Refuse a model whose moving bodies are not physical, or whose mass matrix is singular.
+
+    A body is all links that one joint moves. Its mass is above 0 and none of its principal moments about the
+    centre of mass exceeds the sum of the others, which is to say that its pseudo-inertia is positive
+    semidefinite (to rounding). M(q) is positive definite at sampled q. Raises UrdfError.
+    """
+    if model.nv == 0:
+        remedy = "Unlock a joint, or make one revolute, continuous or prismatic"
+        raise _refusal(Path(path), f'robot "{model.name}"', "0 movable joints", "nothing can move", remedy)
+    findings = [finding for joint in range(1, model.njoints) for finding in _body(model, joint)]
+    findings = findings or list(_mass_matrix(model))
+    if findings:
+        raise UrdfError(path, findings)
+
+
+def _refusal(path: Path, element: str, value: str, problem: str, remedy: str) -> UrdfError:
+    return UrdfError(path, [Finding(element, value, problem, remedy)])
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        if not path.is_file():
+            problem = "is a folder" if path.is_dir() else "is not a file"
+            problem = problem if path.exists() else "does not exist"
+            folder = path if path.is_dir() else path.parent
+            near = sorted(file.name for file in folder.glob("*.urdf")) if folder.is_dir() else []
+            remedy = "Give the path of a URDF file" + (f"; {folder} holds {_listed(near)}" if near else "")
+            raise _refusal(path, "file", str(path), problem, remedy)
+        with path.open("rb") as file:
+            text = file.read(MAX_BYTES + 1)
+    except OSError as reason:
+        remedy = "Check the path and its permissions"
+        raise _refusal(path, "file", str(path), f"cannot be read ({reason.strerror})", remedy) from reason
+    if len(text) > MAX_BYTES:
+        value, remedy = f"{path.stat().st_size} bytes", "Keep meshes and other data in files of their own"
+        raise _refusal(path, "file", value, f"expected at most {MAX_BYTES}", remedy)
+    return text
+
+
+def _parse_xml(path: Path, text: bytes) -> Element:
+    depth = 0
+    try:
+        events = iterparse(io.BytesIO(text), events=("start", "end"), forbid_dtd=True)
+        for event, element in events:
+            depth += 1 if event == "start" else -1
+            if depth > MAX_DEPTH:
+                problem = f"expected at most {MAX_DEPTH} nested elements"
+                raise _refusal(path, f"<{element.tag}>", f"depth {depth}", problem, "Flatten the file")
+    except DefusedXmlException as reason:
+        problem, remedy = "document types and entities are refused", "Remove it and write its values out"
+        raise _refusal(path, "<!DOCTYPE>", str(reason), problem, remedy) from reason
+    except (ParseError, ValueError, LookupError) as reason:
+        remedy = "Mend it at that place"
+        if "unbound prefix" in str(reason):
+            remedy = "Declare the prefix on <robot>; if it is xacro, expand the file to plain URDF first"
+        raise _refusal(path, "file", str(reason), "expected XML", remedy) from reason
+    root: Element = events.root
+    return root
+
+
+def _unexpanded(root: Element) -> Iterator[Finding]:
+    problem, remedy = "expected plain URDF", "Expand the file first: xacro robot.urdf.xacro > robot.urdf"
+    for tag in sorted({element.tag for element in root.iter()}):
+        namespace, _, name = tag.rpartition("}")
+        if "xacro" in namespace:
+            yield Finding(f"<xacro:{name}>", "xacro tag", problem, remedy)
+    for label, part in parts(root):
+        for key, value in part.attrib.items():
+            if re.search(r"\$[({]", value):
+                yield Finding(label, f'{key}="{value}"', problem, remedy)
+
+
+def _names(root: Element) -> Iterator[Finding]:
+    if not root.get("name"):
+        yield Finding("<robot>", "no name", "a robot needs a name", 'Write <robot name="...">')
+    for tag in ("link", "joint"):
+        names = Counter(element.get("name", "") for element in root.findall(tag))
+        if not names:
+            yield Finding("<robot>", f"no <{tag}>", "expected links with joints between", f"Add a <{tag}>")
+        for name, times in names.items():
+            if not name:
+                yield Finding(f"<{tag}>", "no name", f"a {tag} needs a name", f'Write <{tag} name="...">')
+            elif times > 1:
+                yield Finding(f'{tag} "{name}"', f"{times} times", "names must differ", "Rename the others")
+
+
+def _joints(root: Element) -> Iterator[Finding]:
+    links = {link.get("name", "") for link in root.findall("link")}
+    for joint in root.findall("joint"):
+        label, kind = label_of(joint), joint.get("type", "")
+        if kind not in (*MOVING, "fixed"):
+            problem = f"expected {', '.join(MOVING)} or fixed"
+            remedy = "Fix the joint, or split it into these; the base is fixed to the world"
+            yield Finding(label, f'type="{kind}"', problem, remedy)
+        for end in ("parent", "child"):
+            if (name := _value(joint, end, "link", "")) not in links:
+                problem, remedy = "no link has this name", f"Name one of {_listed(sorted(links))}"
+                yield Finding(f"{label} <{end}>", f'link="{name}"', problem, remedy)
+        axis = parse(text := _value(joint, "axis", "xyz", "1 0 0"), 3)
+        if kind in MOVING and axis and math.hypot(*axis) < SHORTEST_AXIS:
+            yield Finding(
+                f"{label} <axis>", f'xyz="{text}"', "it has no direction", 'Give one, such as "0 0 1"'
+            )
+        if kind in ("revolute", "prismatic"):
+            yield from _range(joint, f"{label} <limit>")
+
+
+def _range(joint: Element, label: str) -> Iterator[Finding]:
+    lower, upper = _value(joint, "limit", "lower", "0"), _value(joint, "limit", "upper", "0")
+    low, high = parse(lower), parse(upper)
+    if joint.find("limit") is None:
+        remedy = "Add one; an effort, a velocity or a range of 0 means that it is not set"
+        yield Finding(label, "missing", f"a {joint.get('type')} joint needs it", remedy)
+    elif low and high and low[0] > high[0]:
+        value = f'lower="{lower}" upper="{upper}"'
+        yield Finding(label, value, "lower exceeds upper", "Swap them, or mend one")
+
+
+def _tree(root: Element) -> Iterator[Finding]:
+    links = list(dict.fromkeys(name for link in root.findall("link") if (name := link.get("name"))))
+    parents: dict[str, str] = {}
+    joints: dict[str, list[str]] = {}
+    for joint in root.findall("joint"):
+        child = _value(joint, "child", "link", "")
+        parents.setdefault(child, _value(joint, "parent", "link", ""))
+        joints.setdefault(child, []).append(joint.get("name", ""))
+    for child, names in joints.items():
+        if len(names) > 1:
+            value, remedy = f"child of joints {_listed(names)}", "Keep one of these joints, to leave a tree"
+            yield Finding(f'link "{child}"', value, "a link with two parents closes a loop", remedy)
+    bases = [link for link in links if link not in parents]
+    misspelt = not {*parents, *parents.values()} <= set(links)  # leaves a link alone; it is reported as such
+    if len(bases) > 1 and not misspelt:
+        problem, remedy = (
+            "expected one link without a parent",
+            "Join the others to it, if only by fixed joints",
+        )
+        yield Finding("<robot>", f"base links {_listed(bases)}", problem, remedy)
+    settled: set[str] = set()
+    for link in parents:
+        trail: list[str] = []
+        while link in parents and link not in settled:
+            settled.add(link)
+            trail.append(link)
+            link = parents[link]
+        if link in trail:
+            value = f"links {_listed(trail[trail.index(link) :])}"
+            yield Finding(
+                "<robot>", value, "each is below the next, in a cycle", "Remove a joint between them"
+            )
+
+
+def _body(model: pin.Model, joint: int) -> Iterator[Finding]:
+    inertia, armature = model.inertias[joint], model.armature[model.idx_vs[joint]]
+    links = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
+    label = f'link{"s" * (len(links) > 1)} {_listed(links)} on joint "{model.names[joint]}"'
+    if not 0 <= armature < math.inf:
+        remedy = "Give the rotor's inertia times the squared gear ratio"
+        yield Finding(label, f"armature {armature:g} kg m^2", "expected a finite value of at least 0", remedy)
+    if not np.isfinite(inertia.toDynamicParameters()).all():
+        yield Finding(label, f"inertia {inertia.toDynamicParameters()}", "not finite", "Mend its <inertial>")
+    elif inertia.mass <= 0:
+        remedy = "Give one of its links an <inertial> with mass, or make the joint fixed"
+        yield Finding(label, f"mass {inertia.mass:g} kg", "a moving body needs mass", remedy)
+    else:
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        rounding = INERTIA_TOLERANCE * np.abs(moments).max() + inertia.mass * LEAST_GYRATION**2
+        if moments[0] + moments[1] - moments[2] < -rounding:
+            value = f"principal moments {', '.join(f'{moment:.6g}' for moment in moments)} kg m^2"
+            problem = "no body has these: each is at least 0 and at most the sum of the others"
+            yield Finding(label, value, problem, "Mend <inertia>; it is taken about the centre of mass")
+
+
+def _mass_matrix(model: pin.Model) -> Iterator[Finding]:
+    data, names, rng = model.createData(), list(model.names)[1:], np.random.default_rng(0)
+    least = np.array([inertia.mass for inertia in model.inertias])[1:] * LEAST_GYRATION**2
+    smallest, motion = math.inf, np.zeros(model.nv)
+    for _ in range(POSTURES):
+        q = pin.integrate(model, pin.neutral(model), rng.uniform(-math.pi, math.pi, model.nv))
+        mass_matrix = pin.crba(model, data, q)
+        diagonal = np.diag(mass_matrix)
+        if (diagonal <= least).any():
+            for i in np.flatnonzero(diagonal <= least):
+                value, problem = f"{diagonal[i]:.2g} kg m^2 about its axis", "it turns no inertia"
+                remedy = "Give the links it moves moments of inertia, or the joint an armature"
+                yield Finding(f'joint "{names[i]}"', value, problem, remedy)
+            return
+        values, vectors = np.linalg.eigh(mass_matrix / np.sqrt(np.outer(diagonal, diagonal)))
+        if values[0] < smallest:
+            smallest, motion = values[0], np.abs(vectors[:, 0])
+    if smallest < SINGULAR:
+        moved = _listed([name for name, part in zip(names, motion, strict=True) if part > 0.1])
+        value = f"smallest eigenvalue of the scaled mass matrix {smallest:.2g}"
+        problem, remedy = "they can move together and move no inertia", "Give the links between them inertia"
+        yield Finding(f"joints {moved}", value, problem, remedy)
+
+
+def _value(joint: Element, tag: str, key: str, default: str) -> str:
+    child = joint.find(tag)
+    return default if child is None else child.get(key, default)
+
+
+def _listed(names: Iterable[str], most: int = 8) -> str:
+    names = list(names)
+    rest = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(f'"{name}"' for name in names[:most]) + rest

@@ -1,0 +1,335 @@
+"""A fixed-base robot from its URDF: dynamics, limits and the arithmetic of its configurations.
+
+Every formula is Pinocchio's; this file gives them one convention (armature included everywhere,
+damping and friction nowhere), checked arguments, and limits in which 0 or missing is "not set".
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from eladapt.errors import ArgumentError, UnknownNameError, UrdfError, require_vector
+from eladapt.robot import library
+from eladapt.robot.checks import check_mimics, check_model, check_urdf, read_urdf
+
+UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """M(q) a + C(q, v) v + g(q) = tau (237) for a fixed-base tree of 1-DoF joints.
+
+    Build it with `from_urdf` or `load`. Arrays are in joint order; nq exceeds nv by one for each
+    continuous joint, whose configuration is (cos, sin).
+    """
+
+    model: pin.Model
+    name: str
+    path: Path
+    package_dirs: tuple[str, ...] = ()
+    locked: tuple[str, ...] = ()
+    home: np.ndarray | None = None  # (nv,) joint coordinates
+    target: np.ndarray | None = None  # (nv,) joint coordinates of a demonstration move from home
+    tool: str = ""  # frame of the end effector
+    zero_parameters: tuple[str, ...] = ()  # standard parameters known to be zero, as "my(elbow)"
+    _data: pin.Data = field(default=None, repr=False)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_data", self.model.createData())
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | Path,
+        package_dirs: Sequence[str | Path] = (),
+        locked: Iterable[str] = (),
+        *,
+        name: str | None = None,
+        armature: Mapping[str, float] | None = None,
+        home: Sequence[float] | None = None,
+        target: Sequence[float] | None = None,
+        tool: str | None = None,
+        zero_parameters: Iterable[str] = (),
+    ) -> Robot:
+        """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
+
+        Locked joints stay at their neutral position, clipped to their limits. ``armature`` maps
+        joint names to rotor inertias [kg m^2]. ``zero_parameters`` are standard parameters that
+        symmetry makes zero, as "my(elbow)" for the body behind that joint: `Regressors` then has no
+        column for them. Raises UrdfError with every fault found, and
+        UnknownNameError for a joint or frame that does not exist.
+        """
+        path = Path(path)
+        check_urdf(path)
+        full = _read(path)
+        locked_names = _matching_joints(full, locked)
+        check_mimics(path, locked_names)
+        model = _lock(full, locked_names)
+        for joint, inertia in (armature or {}).items():
+            model.armature[_velocity_index(model, joint)] = inertia
+        check_model(model, path)
+        if tool is not None:
+            frame_index(model, tool)
+        coordinates = {
+            key: None if value is None else require_vector(key, value, model.nv)
+            for key, value in (("home", home), ("target", target))
+        }
+        return cls(
+            model=model,
+            name=name or model.name,
+            path=path.resolve(),
+            package_dirs=tuple(str(Path(folder).resolve()) for folder in package_dirs),
+            locked=tuple(locked_names),
+            tool=tool or _last_body(model),
+            zero_parameters=tuple(zero_parameters),
+            **coordinates,
+        )
+
+    @classmethod
+    def load(cls, name: str) -> Robot:
+        """A robot of the library by name, as described in ``robots/NAME.toml``."""
+        entry = library.entry(name)
+        return cls.from_urdf(
+            entry.urdf, entry.package_dirs, entry.locked, name=name, armature=entry.armature,
+            home=entry.home, target=entry.goal, tool=entry.tool, zero_parameters=entry.zero_parameters,
+        )  # fmt: skip
+
+    @property
+    def nq(self) -> int:
+        return self.model.nq
+
+    @property
+    def nv(self) -> int:
+        return self.model.nv
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(self.model.names)[1:]
+
+    @property
+    def effort_limit(self) -> np.ndarray:
+        """(nv,) [N m or N], +inf where the URDF sets none."""
+        return _set_or_inf(self.model.upperEffortLimit)
+
+    @property
+    def velocity_limit(self) -> np.ndarray:
+        """(nv,) [rad/s or m/s], +inf where the URDF sets none."""
+        return _set_or_inf(self.model.upperVelocityLimit)
+
+    @property
+    def lower(self) -> np.ndarray:
+        """(nv,) lower joint limits, -inf for continuous joints and where none is set."""
+        return self._position_limits()[0]
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(nv,) upper joint limits, +inf for continuous joints and where none is set."""
+        return self._position_limits()[1]
+
+    @property
+    def armature(self) -> np.ndarray:
+        """(nv,) rotor inertia seen at the joint [kg m^2]."""
+        return np.array(self.model.armature)
+
+    @property
+    def damping(self) -> np.ndarray:
+        """(nv,) the URDF's viscous friction [N m s/rad]; no dynamics method applies it."""
+        return np.array(self.model.damping)
+
+    @property
+    def friction(self) -> np.ndarray:
+        """(nv,) the URDF's Coulomb friction [N m]; no dynamics method applies it."""
+        return np.array(self.model.upperDryFrictionLimit)
+
+    def configuration(self, x: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Joint coordinates (nv,) [rad or m] -> q (nq,)."""
+        return pin.integrate(self.model, pin.neutral(self.model), require_vector("x", x, self.nv))
+
+    def coordinates(self, q: np.ndarray) -> np.ndarray:
+        """q (nq,) -> joint coordinates (nv,); those of continuous joints in (-pi, pi]."""
+        return pin.difference(self.model, pin.neutral(self.model), self.check_q(q))
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """M(q) (nv, nv), armature included."""
+        upper = np.triu(pin.crba(self.model, self._data, self.check_q(q)))
+        return upper + np.triu(upper, 1).T
+
+    def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """C(q, v) (nv, nv) of the Christoffel symbols, so that dM/dt = C + C' (205)."""
+        q, v = self.check_q(q), self.check_v(v)
+        return np.array(pin.computeCoriolisMatrix(self.model, self._data, q, v))
+
+    def gravity(self, q: np.ndarray) -> np.ndarray:
+        """g(q) = grad U(q) (nv,) (209)."""
+        return np.array(pin.computeGeneralizedGravity(self.model, self._data, self.check_q(q)))
+
+    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """M a + C v + g (nv,)."""
+        q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
+        return np.array(pin.rnea(self.model, self._data, q, v, a))
+
+    def forward_dynamics(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """The acceleration M^-1 (tau - C v - g) (nv,)."""
+        q, v, tau = self.check_q(q), self.check_v(v), self.check_v(tau, "tau")
+        return np.array(pin.aba(self.model, self._data, q, v, tau))
+
+    def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
+        """1/2 v' M(q) v [J], the rotors' included."""
+        v = self.check_v(v)
+        return float(0.5 * v @ self.mass_matrix(q) @ v)
+
+    def potential_energy(self, q: np.ndarray) -> float:
+        """U(q) [J]."""
+        return float(pin.computePotentialEnergy(self.model, self._data, self.check_q(q)))
+
+    def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+        """The tangent vector (nv,) that leads from q0 to q1; the short way round on continuous joints."""
+        return pin.difference(self.model, self.check_q(q0, "q0"), self.check_q(q1, "q1"))
+
+    def integrate(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        """q moved by the tangent vector dq (nv,)."""
+        return pin.integrate(self.model, self.check_q(q), self.check_v(dq, "dq"))
+
+    def random_configuration(self, rng: np.random.Generator) -> np.ndarray:
+        """q (nq,) uniform within the joint limits; (-pi, pi) where none is set."""
+        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
+        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
+        return self.configuration(rng.uniform(lower, upper))
+
+    def visual_model(self) -> pin.GeometryModel:
+        """The URDF's visuals, attached to the joints that are left. Raises UrdfError."""
+        full = _read(self.path)
+        try:
+            visuals = pin.buildGeomFromUrdf(full, str(self.path), pin.VISUAL, list(self.package_dirs))
+        except ValueError as reason:
+            raise UrdfError(self.path, [library.unreadable(reason)]) from reason
+        if not self.locked:
+            return visuals
+        ids = [full.getJointId(name) for name in self.locked]
+        return pin.buildReducedModel(full, visuals, ids, _clipped_neutral(full))[1]
+
+    @property
+    def source(self) -> dict[str, Any]:
+        """What `from_source` needs to build this robot again; plain JSON types."""
+        if self.name in library.names() and library.entry(self.name).urdf.resolve() == self.path:
+            return {"load": self.name}
+        armature = {n: float(a) for n, a in zip(self.joint_names, self.armature, strict=True) if a}
+        return {
+            "urdf": str(self.path),
+            "package_dirs": list(self.package_dirs),
+            "locked": list(self.locked),
+            "name": self.name,
+            "armature": armature,
+            "tool": self.tool,
+            "zero_parameters": list(self.zero_parameters),
+        }
+
+    @classmethod
+    def from_source(cls, source: Mapping[str, Any]) -> Robot:
+        """The inverse of `source`."""
+        if "load" in source:
+            return cls.load(source["load"])
+        options = dict(source)
+        return cls.from_urdf(options.pop("urdf"), **options)
+
+    def check_q(self, q: np.ndarray, name: str = "q") -> np.ndarray:
+        """q as a finite (nq,) vector on the configuration space; raises ArgumentError."""
+        q = require_vector(name, q, self.nq)
+        if self.nq != self.nv:
+            for joint in range(1, self.model.njoints):
+                if self.model.nqs[joint] == 2:
+                    start = self.model.idx_qs[joint]
+                    norm = q[start] ** 2 + q[start + 1] ** 2
+                    if abs(norm - 1) > UNIT_CIRCLE_TOLERANCE:
+                        raise ArgumentError(
+                            f"{name}: continuous joint {self.model.names[joint]!r} expects (cos, sin) at "
+                            f"[{start}:{start + 2}], got {q[start : start + 2]}; "
+                            "make q with robot.configuration(angles)"
+                        )
+        return q
+
+    def check_v(self, v: np.ndarray, name: str = "v") -> np.ndarray:
+        """v as a finite (nv,) vector; raises ArgumentError."""
+        return require_vector(name, v, self.nv)
+
+    def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
+        for joint in range(1, self.model.njoints):
+            i, k = self.model.idx_vs[joint], self.model.idx_qs[joint]
+            low, high = self.model.lowerPositionLimit[k], self.model.upperPositionLimit[k]
+            if self.model.nqs[joint] == 1 and low < high:
+                lower[i], upper[i] = low, high
+        return lower, upper
+
+
+def frame_index(model: pin.Model, name: str) -> int:
+    """Index of a frame by name; of a link where a joint has the same name. Raises UnknownNameError."""
+    found = [k for k, frame in enumerate(model.frames) if frame.name == name]
+    if not found:
+        raise UnknownNameError("frame", [name], [frame.name for frame in model.frames])
+    bodies = [k for k in found if model.frames[k].type == pin.FrameType.BODY]
+    return (bodies or found)[0]
+
+
+def _read(path: Path) -> pin.Model:
+    """Pinocchio's model of the document as it was checked, not of what another parser makes of it."""
+    try:
+        return pin.buildModelFromXML(ElementTree.tostring(read_urdf(path), "unicode"))
+    except (RuntimeError, ValueError) as reason:
+        raise UrdfError(path, [library.unreadable(reason)]) from reason
+
+
+def _set_or_inf(limit: np.ndarray) -> np.ndarray:
+    return np.where(limit > 0, limit, np.inf)
+
+
+def _matching_joints(model: pin.Model, patterns: Iterable[str]) -> list[str]:
+    if isinstance(patterns, str):
+        patterns = (patterns,)
+    names, chosen, unknown = list(model.names)[1:], set(), []
+    for pattern in patterns:
+        found = fnmatch.filter(names, pattern)
+        chosen.update(found)
+        if not found:
+            unknown.append(pattern)
+    if unknown:
+        raise UnknownNameError("joint", unknown, names)
+    return [name for name in names if name in chosen]
+
+
+def _lock(full: pin.Model, names: Sequence[str]) -> pin.Model:
+    if not names:
+        return full
+    return pin.buildReducedModel(full, [full.getJointId(name) for name in names], _clipped_neutral(full))
+
+
+def _clipped_neutral(model: pin.Model) -> np.ndarray:
+    """The neutral configuration, with the joints whose limits exclude it at the nearest limit."""
+    q = pin.neutral(model)
+    for joint in range(1, model.njoints):
+        k = model.idx_qs[joint]
+        low, high = model.lowerPositionLimit[k], model.upperPositionLimit[k]
+        if model.nqs[joint] == 1 and low < high:
+            q[k] = np.clip(q[k], low, high)
+    return q
+
+
+def _last_body(model: pin.Model) -> str:
+    """The last link that moves with the last joint."""
+    last = model.njoints - 1
+    bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == last]
+    return bodies[-1]
+
+
+def _velocity_index(model: pin.Model, joint: str) -> int:
+    if not model.existJointName(joint):
+        raise UnknownNameError("joint", [joint], list(model.names)[1:])
+    return model.idx_vs[model.getJointId(joint)]

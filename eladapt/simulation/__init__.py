@@ -1,0 +1,1 @@
+"""Plants, runs and records."""

@@ -1,0 +1,142 @@
+"""Simulated robots: the torque is held over each step, and the measurement carries it back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from eladapt.errors import ArgumentError, SimulationError, require_number
+from eladapt.robot.model import Robot
+from eladapt.signals import Measurement
+from eladapt.simulation.disturbances import Friction, Noise, Payload
+
+FRICTION_SWEEPS = 200
+STUCK = 1e-12  # relative change at which the friction forces have settled
+
+
+class NoiseModel(Protocol):
+    """Anything that makes measurement errors."""
+
+    def sample(self, t: float, nv: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+class PinocchioPlant:
+    """A robot simulated by Pinocchio.
+
+    q0 (nq,), v0 (nv,) or None for rest. friction, noise, payload: as in `disturbances`; a bare
+    number as payload is a mass [kg] at the tool frame. integrator: "rk4" with ``substeps`` per
+    step, Coulomb friction solved implicitly so that it sticks; or "euler", explicit with
+    sign(v) for friction, which is how the paper simulates. seed: of the noise.
+
+    `t`, `q` and `v` are the true state. Raises SimulationError when the state is not finite.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        q0: Sequence[float] | np.ndarray,
+        v0: Sequence[float] | np.ndarray | None = None,
+        friction: Friction | None = None,
+        noise: NoiseModel | None = None,
+        payload: Payload | float | None = None,
+        integrator: Literal["rk4", "euler"] = "rk4",
+        *,
+        substeps: int = 2,
+        seed: int = 0,
+    ):
+        if integrator not in ("rk4", "euler"):
+            raise ArgumentError(f"integrator: expected 'rk4' or 'euler', got {integrator!r}")
+        if substeps < 1:
+            raise ArgumentError(f"substeps: expected at least 1, got {substeps}")
+        self.robot, self.integrator, self.substeps, self.seed = robot, integrator, substeps, seed
+        self.q0 = robot.check_q(np.asarray(q0, dtype=float), "q0")
+        self.v0 = np.zeros(robot.nv) if v0 is None else robot.check_v(np.asarray(v0, dtype=float), "v0")
+        self.friction, self.noise = friction or Friction(), noise or Noise()
+        self.payload = Payload(float(payload)) if isinstance(payload, int | float) else payload
+        self._loaded = robot.model if self.payload is None else self.payload.loaded(robot)
+        self._data = robot.model.createData()
+        self.reset()
+
+    def reset(self) -> Measurement:
+        """Back to the initial state, with the noise from its seed."""
+        self._rng = np.random.default_rng(self.seed)
+        self._step, self.t, self.q, self.v = 0, 0.0, self.q0.copy(), self.v0.copy()
+        self.tau = np.zeros(self.robot.nv)
+        return self._measure()
+
+    def step(self, tau: np.ndarray, dt: float) -> Measurement:
+        """Hold the torque tau (nv,) [N m] for dt [s]."""
+        tau = self.robot.check_v(tau, "tau")
+        dt = require_number("dt", dt, 0)
+        model = self._loaded if self.payload and self.payload.held(self.t) else self.robot.model
+        with np.errstate(over="ignore", invalid="ignore"):
+            if self.integrator == "euler":
+                self._euler(model, tau, dt)
+            else:
+                for _ in range(self.substeps):
+                    self._runge_kutta(model, tau, dt / self.substeps)
+        self._step += 1
+        self.t, self.tau = self.t + dt, tau.copy()
+        if not (np.isfinite(self.q).all() and np.isfinite(self.v).all()):
+            raise SimulationError(f"the simulated {self.robot.name} diverged before t = {self.t:.4f} s")
+        return self._measure()
+
+    def _measure(self) -> Measurement:
+        dq, dv = self.noise.sample(self.t, self.robot.nv, self._rng)
+        return Measurement(
+            self.t, pin.integrate(self.robot.model, self.q, np.asarray(dq)), self.v + dv, self.tau
+        )
+
+    def _acceleration(self, model: pin.Model, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        return np.array(pin.aba(model, self._data, q, v, tau))
+
+    def _euler(self, model: pin.Model, tau: np.ndarray, dt: float) -> None:
+        lost = self.friction.viscous * self.v + self.friction.coulomb * np.sign(self.v)
+        acceleration = self._acceleration(model, self.q, self.v, tau - lost)
+        self.q = pin.integrate(model, self.q, dt * self.v)
+        self.v = self.v + dt * acceleration
+
+    def _runge_kutta(self, model: pin.Model, tau: np.ndarray, h: float) -> None:
+        net = tau - self._implicit_coulomb(model, tau, h) if np.any(self.friction.coulomb) else tau
+
+        def rate(moved: np.ndarray, v: np.ndarray) -> np.ndarray:
+            q = pin.integrate(model, self.q, moved)
+            return self._acceleration(model, q, v, net - self.friction.viscous * v)
+
+        v1 = self.v
+        a1 = rate(np.zeros_like(v1), v1)
+        v2 = self.v + 0.5 * h * a1
+        a2 = rate(0.5 * h * v1, v2)
+        v3 = self.v + 0.5 * h * a2
+        a3 = rate(0.5 * h * v2, v3)
+        v4 = self.v + h * a3
+        a4 = rate(h * v3, v4)
+        self.q = pin.integrate(model, self.q, h / 6 * (v1 + 2 * v2 + 2 * v3 + v4))
+        self.v = self.v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+
+    def _implicit_coulomb(self, model: pin.Model, tau: np.ndarray, h: float) -> np.ndarray:
+        """Friction torques f (nv,) for the substep: |f_i| <= coulomb_i, f_i = coulomb_i sign(v_i+) where
+        v+ = free velocity - h M^-1 f does not vanish. Projected Gauss-Seidel; M^-1 is positive definite,
+        so it converges."""
+        bound = np.broadcast_to(self.friction.coulomb, (self.robot.nv,))
+        lost = self.friction.viscous * self.v
+        free = self.v + h * self._acceleration(model, self.q, self.v, tau - lost)
+        inverse = np.array(pin.computeMinverse(model, self._data, self.q))
+        inverse = h * (np.triu(inverse) + np.triu(inverse, 1).T)
+        force = np.zeros(self.robot.nv)
+        velocity = free.copy()
+        for _ in range(FRICTION_SWEEPS):
+            change = 0.0
+            for i in range(self.robot.nv):
+                wanted = np.clip(force[i] + velocity[i] / inverse[i, i], -bound[i], bound[i])
+                difference = wanted - force[i]
+                if difference:
+                    force[i] = wanted
+                    velocity -= inverse[:, i] * difference
+                    change = max(change, abs(difference))
+            if change <= STUCK * bound.max():
+                break
+        return force
