@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -71,7 +72,8 @@ def require_vector(name: str, value: Any, size: int) -> np.ndarray:
         raise ArgumentError(f"{name}: expected {size} numbers, got {value!r} ({reason})") from None
     if vector.shape != (size,):
         raise ArgumentError(f"{name}: expected shape ({size},), got {vector.shape}")
-    if not np.isfinite(vector).all():
+    # One dot product finds what is not finite; it may overflow, so the answer no is asked for twice.
+    if not math.isfinite(vector.dot(vector)) and not np.isfinite(vector).all():
         raise ArgumentError(f"{name}: expected finite numbers of shape ({size},), got {vector}")
     return vector
 

@@ -44,7 +44,7 @@ LAMBDA_2, LAMBDA_3 = 1.0, 1.3
 
 # Not given in the paper.
 POLE = 10.0  # lambda_0 = lambda_1 [1/s]
-LINEAR_DAMPING = 0.1  # D_L [N m s/rad]
+LINEAR_DAMPING = 0.5  # D_L [N m s/rad]
 SATURATION_EXPONENT = 0.5  # d = 1 - b
 
 

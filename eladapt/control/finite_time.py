@@ -126,11 +126,13 @@ def semi_implicit_state(
     diagonal = np.diag(mass_matrix)
     coupling = mass_matrix - np.diag(diagonal)
     ratio = horizon / diagonal
-    coefficients = np.broadcast_arrays(
-        e1 / horizon, ratio * law.P * horizon**law.a, ratio * law.D, 1 + ratio * law.D_L
-    )
-    scalars = np.stack(coefficients, axis=-1).tolist()
     a, b = law.a, law.b
+    table = np.empty((len(diagonal), 4))  # s, A, B and K of each joint's scalar problem
+    table[:, 0] = e1 / horizon
+    table[:, 1] = ratio * law.P * horizon**a
+    table[:, 2] = ratio * law.D
+    table[:, 3] = 1 + ratio * law.D_L
+    scalars = table.tolist()
 
     def evaluate(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
         roots = [solve_scalar(u_i, *row, a, b) for u_i, row in zip(u.tolist(), scalars, strict=True)]

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 ITERATIONS = 80  # bisection alone needs no more for double precision; 3 to 8 are typical
-EPS = float(np.finfo(float).eps)
+EPS = 8 * float(np.finfo(float).eps)
+QUADRATIC = 1e-9  # a Newton step this small leaves an error of its square
 
 
 class Root(NamedTuple):
@@ -74,12 +75,11 @@ def solve_scalar(u: float, s: float, spring: float, damper: float, linear: float
             right = r
         else:
             left = r
-        following = r - value / (slope(w, x) * inverse * r ** (inverse - 1) + strength)
-        if not left < following < right:
-            following = 0.5 * (left + right)
-        converged = abs(following - r) <= 8 * EPS * r
-        r = following
-        if converged:
+        newton = r - value / (slope(w, x) * inverse * r ** (inverse - 1) + strength)
+        trusted = left < newton < right
+        following = newton if trusted else 0.5 * (left + right)
+        change, r = abs(following - r), following
+        if change <= (QUADRATIC if trusted else EPS) * r:
             break
     w, x = position(r)
     own = power * strength * r ** (1 - inverse) if r else inf

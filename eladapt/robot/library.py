@@ -48,7 +48,10 @@ def entry(name: str) -> Entry:
     root = example_robot_data() if table.get("source") == EXAMPLE_ROBOT_DATA else folder()
     return Entry(
         urdf=root / table["urdf"],
-        package_dirs=(root, root.parent),
+        package_dirs=(
+            root,
+            root.parent.parent,
+        ),  # package://NAME/ and package://example-robot-data/robots/NAME/
         locked=tuple(table.get("locked", ())),
         armature=table.get("armature", {}),
         home=table.get("home"),

@@ -208,7 +208,9 @@ class Robot:
         """The URDF's visuals, attached to the joints that are left. Raises UrdfError."""
         full = _read(self.path)
         try:
-            visuals = pin.buildGeomFromUrdf(full, str(self.path), pin.VISUAL, list(self.package_dirs))
+            visuals = pin.buildGeomFromUrdf(
+                full, str(self.path), pin.VISUAL, package_dirs=list(self.package_dirs)
+            )
         except ValueError as reason:
             raise UrdfError(self.path, [library.unreadable(reason)]) from reason
         if not self.locked:

@@ -1,0 +1,92 @@
+"""Records survive saving, loading and failing, and their metrics mean what they say."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from conftest import load
+
+import eladapt as ea
+from eladapt.errors import ArgumentError, RecordError
+from eladapt.simulation.record import chatter
+
+
+@pytest.fixture(scope="module")
+def record() -> ea.Record:
+    robot = load("kinova")
+    controller = ea.CompositeController.for_robot(robot)
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    goal = robot.configuration(robot.target)
+    return ea.simulate(controller, plant, goal, 0.05, progress=False, title="a short move")
+
+
+def test_shapes(record):
+    n, nv, nq = 51, 6, 9
+    assert len(record) == n
+    for name, shape in (("q", nq), ("goal", nq), ("v", nv), ("tau", nv), ("error", nv)):
+        assert getattr(record, name).shape == (n, shape)
+    assert record.t[-1] == pytest.approx(0.05)
+    assert record.theta.shape[1] == len(record.theta_labels) == len(record.theta_true)
+
+
+def test_round_trip_is_exact(record, tmp_path):
+    path = record.save(tmp_path / "new" / "run.npz")
+    again = ea.Record.load(path)
+    for field in dataclasses.fields(record):
+        one, other = getattr(record, field.name), getattr(again, field.name)
+        assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+    assert ea.Robot.from_source(again.robot_source).joint_names == record.joint_names
+    assert again.configuration["controller"]["control"]["class"] == "FiniteTimePD"
+
+
+def test_a_failed_write_damages_nothing(record, tmp_path, monkeypatch):
+    """What stood there before is still there, and no temporary file is left."""
+    path = record.save(tmp_path / "run.npz")
+    before = path.read_bytes()
+
+    def full_disk(*_args, **_arrays):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", full_disk)
+    with pytest.raises(OSError, match="no space"):
+        record.save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_not_a_record_is_refused(record, tmp_path):
+    path = tmp_path / "run.npz"
+    with pytest.raises(RecordError, match="no such record"):
+        ea.Record.load(path)
+    path.write_bytes(b"not a zip")
+    with pytest.raises(RecordError, match="not a record"):
+        ea.Record.load(path)
+    path.write_bytes(record.save(tmp_path / "good.npz").read_bytes()[:2000])
+    with pytest.raises(RecordError, match="damaged"):
+        ea.Record.load(path)
+    np.savez_compressed(path, header=np.array('{"format": 1}'))
+    with pytest.raises(RecordError, match="lacks"):
+        ea.Record.load(path)
+    with pytest.raises(ArgumentError, match=r"\.npz"):
+        record.save(tmp_path / "run.csv")
+
+
+def test_metrics_of_a_known_signal(record):
+    """Settling is the last entry into the band, not the first."""
+    t = np.linspace(0, 4, 4001)
+    error = np.where((t < 1) | ((t > 2) & (t < 2.5)), 1.0, 1e-5)[:, None]
+    tau = (0.2 * np.sin(2 * np.pi * 50 * t) + t)[:, None]
+    theta = np.where(t < 1.5, 0.0, 1.005)[:, None]
+    made = dataclasses.replace(record, t=t, error=error, tau=tau, theta=theta, theta_true=np.ones(1), dt=1e-3)
+    metrics = made.metrics()
+    assert metrics.settling_time == pytest.approx(2.5)
+    assert metrics.steady_error == pytest.approx(1e-5)
+    assert metrics.parameter_settling == pytest.approx(1.5)
+    assert metrics.chatter == pytest.approx(0.4, rel=0.03)  # the trend of a cut sine
+    assert made.settling_time(threshold=1e-6) == np.inf
+    assert metrics.control_energy == pytest.approx(np.sum(tau**2) * 1e-3)
+
+
+def test_chatter_ignores_a_trend():
+    t = np.linspace(0, 1, 100)
+    assert chatter(t, np.column_stack([3 * t, 5 - t])) < 1e-12
