@@ -127,15 +127,15 @@ def semi_implicit_state(
     coupling = mass_matrix - np.diag(diagonal)
     ratio = horizon / diagonal
     a, b = law.a, law.b
-    table = np.empty((len(diagonal), 4))  # s, A, B and K of each joint's scalar problem
-    table[:, 0] = e1 / horizon
-    table[:, 1] = ratio * law.P * horizon**a
-    table[:, 2] = ratio * law.D
-    table[:, 3] = 1 + ratio * law.D_L
-    scalars = table.tolist()
+    columns = (  # s, A, B and K of each joint's scalar problem
+        (e1 / horizon).tolist(),
+        (ratio * law.P * horizon**a).tolist(),
+        (ratio * law.D).tolist(),
+        (1 + ratio * law.D_L).tolist(),
+    )
 
     def evaluate(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-        roots = [solve_scalar(u_i, *row, a, b) for u_i, row in zip(u.tolist(), scalars, strict=True)]
+        roots = [solve_scalar(*problem, a, b) for problem in zip(u.tolist(), *columns, strict=True)]
         w, x, slope = np.array(roots).T
         residual = diagonal * (u - e2) + coupling @ (w - e2)
         return w, x, slope, residual, float(np.linalg.norm(residual / np.sqrt(diagonal)))

@@ -70,7 +70,7 @@ class CompositeLaw:
         theta = theta - dt * self.Gamma * (psi.T @ direct)
         theta = self._towards(mixed, theta, dt)
         if self.bounds is not None:
-            theta = np.clip(theta, self.bounds[..., 0], self.bounds[..., 1])  # type: ignore[call-overload, index]
+            theta = np.clip(theta, self.bounds[..., 0], self.bounds[..., 1])  # type: ignore[index]
         return theta
 
     def _towards(self, mixed: MixedRegression, theta: np.ndarray, dt: float) -> np.ndarray:

@@ -17,7 +17,6 @@ from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, Regression
 
-
 Quadrature = Literal["trapezoid", "simpson", "hermite"]
 
 

@@ -34,13 +34,13 @@ class Robot:
     model: pin.Model
     name: str
     path: Path
+    home: np.ndarray  # (nv,) joint coordinates
+    target: np.ndarray  # (nv,) joint coordinates of a demonstration move from home
     package_dirs: tuple[str, ...] = ()
     locked: tuple[str, ...] = ()
-    home: np.ndarray | None = None  # (nv,) joint coordinates
-    target: np.ndarray | None = None  # (nv,) joint coordinates of a demonstration move from home
     tool: str = ""  # frame of the end effector
     zero_parameters: tuple[str, ...] = ()  # standard parameters known to be zero, as "my(elbow)"
-    _data: pin.Data = field(default=None, repr=False)  # type: ignore[assignment]
+    _data: pin.Data = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_data", self.model.createData())
@@ -54,8 +54,8 @@ class Robot:
         *,
         name: str | None = None,
         armature: Mapping[str, float] | None = None,
-        home: Sequence[float] | None = None,
-        target: Sequence[float] | None = None,
+        home: Sequence[float] | np.ndarray | None = None,
+        target: Sequence[float] | np.ndarray | None = None,
         tool: str | None = None,
         zero_parameters: Iterable[str] = (),
     ) -> Robot:
@@ -64,7 +64,8 @@ class Robot:
         Locked joints stay at their neutral position, clipped to their limits. ``armature`` maps
         joint names to rotor inertias [kg m^2]. ``zero_parameters`` are standard parameters that
         symmetry makes zero, as "my(elbow)" for the body behind that joint: `Regressors` then has no
-        column for them. Raises UrdfError with every fault found, and
+        column for them. ``home`` defaults to the neutral posture, clipped to the limits, and
+        ``target`` to home. Raises UrdfError with every fault found, and
         UnknownNameError for a joint or frame that does not exist.
         """
         path = Path(path)
@@ -78,10 +79,8 @@ class Robot:
         check_model(model, path)
         if tool is not None:
             frame_index(model, tool)
-        coordinates = {
-            key: None if value is None else require_vector(key, value, model.nv)
-            for key, value in (("home", home), ("target", target))
-        }
+        neutral = pin.difference(model, pin.neutral(model), _clipped_neutral(model))
+        home = neutral if home is None else require_vector("home", home, model.nv)
         return cls(
             model=model,
             name=name or model.name,
@@ -90,7 +89,8 @@ class Robot:
             locked=tuple(locked_names),
             tool=tool or _last_body(model),
             zero_parameters=tuple(zero_parameters),
-            **coordinates,
+            home=home,
+            target=home if target is None else require_vector("target", target, model.nv),
         )
 
     @classmethod

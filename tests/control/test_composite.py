@@ -118,8 +118,8 @@ def test_parts_that_do_not_fit_are_refused(loop):
         ea.CompositeController(*parts, ea.FiniteTimePD(3, 2, r1=1.2))
     with pytest.raises(ArgumentError, match=r"P: expected a scalar or shape \(2,\)"):
         ea.CompositeController(*parts, ea.FiniteTimePD([3, 2, 1], 2))
+    law = ea.CompositeLaw(Gamma=[1, 2])
     with pytest.raises(ArgumentError, match="one common value"):
-        law = ea.CompositeLaw(Gamma=[1, 2])
         ea.CompositeController(*parts[:4], law, derived.control)
     with pytest.raises(ArgumentError, match="theta0"):
         derived.init(loop[2].reset(), theta0=[1.0])

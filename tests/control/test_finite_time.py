@@ -62,7 +62,12 @@ def settle(robot: ea.Robot, law: ea.FiniteTimePD, duration: float = 3.0, dt: flo
     """Regulation that starts from the true gravity: only the law is on trial."""
     derived = ea.CompositeController.for_robot(robot)
     controller = ea.CompositeController(
-        derived.regressors, derived.regression, derived.extension, derived.mixing, ea.CompositeLaw(b=law.b), law
+        derived.regressors,
+        derived.regression,
+        derived.extension,
+        derived.mixing,
+        ea.CompositeLaw(b=law.b),
+        law,
     )
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
     goal = robot.configuration(robot.target)

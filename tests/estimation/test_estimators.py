@@ -77,9 +77,9 @@ def test_triangle_holds_the_information(extension, rng):
     assert abs(information.triangle[-1, -1]) < 1e-12, "a consistent regression leaves no residual"
 
 
-def paper_least_squares(omega_at, y_at, l, dt, steps, alpha, beta, xi, f0):
+def paper_least_squares(omega_at, y_at, size, dt, steps, alpha, beta, xi, f0):
     """(443) by explicit Euler, with rho_0 != 0 so that z f0 F rho_0 counts."""
-    covariance, rho0, z = np.eye(l) / f0, np.full(l, 0.3), 1.0
+    covariance, rho0, z = np.eye(size) / f0, np.full(size, 0.3), 1.0
     rho = rho0.copy()
     for k in range(steps):
         omega, y = omega_at(k * dt), y_at(k * dt)
@@ -88,7 +88,7 @@ def paper_least_squares(omega_at, y_at, l, dt, steps, alpha, beta, xi, f0):
         rho = rho + dt * alpha * gain @ (y - omega @ rho)
         covariance = covariance + dt * (-alpha * gain @ omega @ covariance + rate * covariance)
         z = z - dt * rate * z
-    phi = np.eye(l) - z * f0 * covariance
+    phi = np.eye(size) - z * f0 * covariance
     return phi, rho - z * f0 * covariance @ rho0
 
 

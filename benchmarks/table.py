@@ -1,0 +1,38 @@
+"""Writes a benchmark's table, with the kind of machine that it ran on, and prints it."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+
+from eladapt.files import atomic_write
+from eladapt.simulation.record import versions
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def machine() -> str:
+    """The kind of machine, not which one."""
+    releases = ", ".join(f"{name} {release}" for name, release in versions().items())
+    return (
+        f"{os.cpu_count()} cores, {platform.machine()}, {platform.system()}, "
+        f"Python {platform.python_version()}; {releases}"
+    )
+
+
+def write(
+    name: str, title: str, head: Sequence[str], rows: Sequence[Sequence[object]], notes: str = ""
+) -> str:
+    """benchmarks/results/NAME.md as a Markdown table; returns its text."""
+    cells = [[str(cell) for cell in row] for row in (head, *rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(head))]
+    lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |" for row in cells]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    text = "\n".join([f"# {title}", "", *lines, ""])
+    text += (f"\n{notes.strip()}\n" if notes else "") + f"\nMachine: {machine()}.\n"
+    with atomic_write(RESULTS / f"{name}.md") as temporary:
+        temporary.write_text(text)
+    print(text)
+    return text

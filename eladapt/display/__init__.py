@@ -1,0 +1,1 @@
+"""Plots of a record, and its motion in three dimensions."""

@@ -1,0 +1,457 @@
+"""The motion of a record in three dimensions: the arm, its set-point as a ghost, the tool's path.
+
+One self-contained page holds everything, MeshCat's viewer included. It is written to a file, or
+served from memory on the loopback interface; it makes no request of its own, and its content
+security policy has the browser refuse any.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import copy
+import html as escaping
+import itertools
+import json
+import math
+import tempfile
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
+from socketserver import ThreadingTCPServer
+from string import Template
+from typing import Any, NamedTuple
+
+import coal
+import meshcat
+import numpy as np
+import pinocchio as pin
+import umsgpack
+from defusedxml import ElementTree
+from meshcat import geometry as draw
+from meshcat.animation import Animation
+
+from eladapt.errors import ArgumentError, require_number
+from eladapt.files import atomic_write
+from eladapt.robot.model import Robot
+from eladapt.simulation.record import Record
+
+FRAMES_PER_SECOND = 30
+MOST_FRAMES = 3000  # of one animation; a longer motion gets fewer frames a second
+ROBOT_TRIANGLES, GHOST_TRIANGLES = 140_000, 20_000  # the Panda has 134,293: 3.3 MB of the page
+GHOST_COLOUR, TRAIL_COLOUR = 0xE8862A, 0x1F5FBF
+FIELD_OF_VIEW = 40.0  # [deg] vertical
+LOOPBACK = "127.0.0.1"
+_PLACEMENTS = ("matrix", "translate", "rotate", "scale", "skew", "lookat")
+_PARTS = "*[@count]"  # <triangles>, <polylist> and the like: a material each
+VIEWER_CODE = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
+
+
+@dataclass(frozen=True)
+class View:
+    """Where a motion can be seen: ``url`` for a browser, and ``path`` if it is a file."""
+
+    url: str
+    path: Path | None = None
+    server: _Server | None = None
+
+    def wait(self) -> None:
+        """Keep serving until Ctrl-C, then close. Returns at once for a file."""
+        try:
+            if self.server is not None:
+                self.server.thread.join()
+        except KeyboardInterrupt:
+            self.close()
+
+    def close(self) -> None:
+        """Stop serving. A file stays."""
+        if self.server is not None:
+            self.server.shutdown()
+            self.server.server_close()
+
+
+def view(
+    record: Record, html: str | Path | None = None, *, speed: float = 1.0, loop: bool = True, port: int = 0
+) -> View:
+    """Show the motion in a browser, or write it to a self-contained file when ``html`` is a path.
+
+    speed: 1 is real time, 0.5 is half of it. loop: start again at the end. port: of the loopback
+    server, 0 for one that is free; the server ends with `View.close`, or with the process.
+    Raises ArgumentError for a record without motion, a mesh outside the folders it may come from, a
+    file name that does not end in .html, and a port that cannot be had.
+    """
+    speed = require_number("speed", speed, 0.0)
+    if html is None:
+        server = _Server(_page(record, speed, loop), port)
+        url = f"http://{LOOPBACK}:{server.server_address[1]}/"
+        print(f"The motion can be seen at {url}", flush=True)
+        return View(url, server=server)
+    path = Path(html)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ArgumentError(f"html: expected a file name that ends in .html, got {str(html)!r}")
+    page = _page(record, speed, loop)
+    with atomic_write(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return View(path.resolve().as_uri(), path)
+
+
+class _Motion(NamedTuple):
+    """Where everything is, frame by frame."""
+
+    joints: np.ndarray  # (frames, njoints, 4, 4), the world first
+    tool: np.ndarray  # (frames, 3) [m]
+
+
+def _page(record: Record, speed: float, loop: bool) -> str:
+    robot = Robot.from_source(record.robot_source)
+    visuals = _visuals(robot)
+    finite = np.isfinite(record.q).all(axis=1)
+    n = len(finite) if finite.all() else int(np.argmin(finite))
+    if n == 0:
+        raise ArgumentError(f"record {record.title!r}: expected a finite configuration, got none")
+    t, goal = record.t[:n] - record.t[0], record.goal[:n]
+    seconds = t[-1] / speed
+    fps = min(FRAMES_PER_SECOND, MOST_FRAMES / max(seconds, 1.0))
+    times = speed / fps * np.arange(math.floor(seconds * fps) + 1)
+    motion = _motion(robot, t, record.q[:n], times)
+    ghost = _motion(robot, t, goal, times if np.any(goal != goal[0]) else times[:1])
+
+    camera = _camera(visuals, motion, ghost)
+    scene = _Scene()
+    scene.draw_surroundings(camera["distance"])
+    scene.draw_robots(visuals)
+    path = draw.PointsGeometry(motion.tool.T)
+    scene.draw("tool path", path, draw.LineBasicMaterial(TRAIL_COLOUR), draw.Line)
+    animation = Animation(default_framerate=fps)
+    scene.move("robot", motion, animation)
+    scene.move("set-point", ghost, animation)
+    scene.root.set_animation(animation, repetitions=math.inf if loop else 1)
+    return _PAGE.substitute(
+        title=escaping.escape(record.title or robot.name),
+        duration=f"{t[-1]:.3g} s" + ("" if speed == 1 else f" at {speed:g} times real time"),
+        code=VIEWER_CODE.read_text(encoding="utf-8"),
+        commands=json.dumps(scene.commands),
+        camera=json.dumps(camera),
+    )
+
+
+def _visuals(robot: Robot) -> pin.GeometryModel:
+    """The robot's visuals, or a stick figure when it has none. Raises ArgumentError for a foreign mesh."""
+    visuals = robot.visual_model()
+    folders = [Path(folder).resolve() for folder in (str(robot.path.parent), *robot.package_dirs)]
+    for shape in visuals.geometryObjects:
+        if isinstance(shape.geometry, coal.BVHModelBase):
+            mesh = Path(shape.meshPath).resolve()
+            if not any(mesh.is_relative_to(folder) for folder in folders):
+                raise ArgumentError(
+                    f"{robot.path}: the mesh {mesh} lies outside the folders that meshes may come from: "
+                    f"{', '.join(map(str, folders))}; name its folder in package_dirs"
+                )
+    return visuals if visuals.ngeoms else _stick_figure(robot)
+
+
+def _stick_figure(robot: Robot) -> pin.GeometryModel:
+    """Capsules from joint to joint, and from the last joints to what they carry."""
+    model, figure = robot.model, pin.GeometryModel()
+    ends = [(model.parents[j], model.jointPlacements[j].translation) for j in range(1, model.njoints)]
+    ends += [(j, _tip(robot, j)) for j in range(1, model.njoints) if j not in list(model.parents)]
+    thickness = 0.02 * sum(np.linalg.norm(end) for _, end in ends) or 0.02
+    for index, (joint, end) in enumerate(ends):
+        length, upright = float(np.linalg.norm(end)), np.array([0.0, 0.0, 1.0])
+        rotation = pin.Quaternion.FromTwoVectors(upright, end if length else upright).toRotationMatrix()
+        capsule = coal.Capsule(thickness, length)
+        limb = pin.GeometryObject(f"limb {index}", joint, pin.SE3(rotation, end / 2), capsule)
+        limb.meshColor = np.array([0.55, 0.6, 0.66, 1.0])
+        figure.addGeometryObject(limb)
+    return figure
+
+
+def _tip(robot: Robot, joint: int) -> np.ndarray:
+    """(3,) the end of a last link in its joint's frame [m]: the tool, or where a uniform rod would end."""
+    tool = robot.model.frames[robot.model.getFrameId(robot.tool)]
+    at_joint = tool.parentJoint != joint or np.linalg.norm(tool.placement.translation) < 1e-9
+    return 2 * robot.model.inertias[joint].lever if at_joint else tool.placement.translation
+
+
+def _motion(robot: Robot, t: np.ndarray, q: np.ndarray, times: np.ndarray) -> _Motion:
+    """The placements at ``times`` of the motion q (N, nq) sampled at t (N,), both [s]."""
+    model, data = robot.model, robot.model.createData()
+    tool = robot.model.frames[robot.model.getFrameId(robot.tool)].parentJoint
+    tip = _tip(robot, tool) if tool else np.zeros(3)
+    before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
+    joints = np.empty((len(times), model.njoints, 4, 4))
+    for frame, (k, time) in enumerate(zip(before, times, strict=True)):
+        after = min(k + 1, len(t) - 1)
+        share = (time - t[k]) / (t[after] - t[k]) if after > k else 0.0
+        pin.forwardKinematics(model, data, pin.interpolate(model, q[k], q[after], share))
+        joints[frame] = [placement.homogeneous for placement in data.oMi]
+    return _Motion(joints, joints[:, tool, :3, :3] @ tip + joints[:, tool, :3, 3])
+
+
+class _Scene:
+    """MeshCat's commands, kept instead of sent: ``root`` draws into ``commands``."""
+
+    def __init__(self) -> None:
+        self.commands: list[str] = []  # base64 of MessagePack
+        self.root = meshcat.Visualizer(window=self)
+        self._numbers = itertools.count()
+
+    def send(self, command: Any) -> None:
+        packed = umsgpack.packb(command.lower(), force_float_precision="single")
+        self.commands.append(base64.b64encode(packed).decode("ascii"))
+
+    def draw(self, path: str, shape: draw.Geometry, look: draw.Material, kind: type = draw.Mesh) -> None:
+        """Draw one object. Its identifiers are counted: MeshCat's own hold the computer's address."""
+        thing = kind(shape, look)
+        for element in (shape, look, thing):
+            element.uuid = str(next(self._numbers))
+        self.root[path].set_object(thing)
+
+    def draw_surroundings(self, distance: float) -> None:
+        """A bright background, less light (white arms keep their shape), and a floor in scale."""
+        self.root["/Background"].set_property("top_color", [0.98, 0.98, 0.99])
+        self.root["/Background"].set_property("bottom_color", [0.78, 0.82, 0.87])
+        for lamp, intensity in (("AmbientLight", 0.45), ("FillLight", 0.3)):
+            self.root[f"/Lights/{lamp}/<object>"].set_property("intensity", intensity)
+        for helper in ("/Axes", "/Grid"):
+            self.root[helper].set_property("visible", False)
+        cell = 10.0 ** math.floor(math.log10(distance / 4))
+        count = math.ceil(distance / 3 / cell)
+        edge = cell * count
+        ends = [
+            [(x, -edge, 0), (x, edge, 0), (-edge, x, 0), (edge, x, 0)]
+            for x in np.linspace(-edge, edge, 2 * count + 1)
+        ]
+        lines = draw.PointsGeometry(np.array(ends).reshape(-1, 3).T)
+        self.draw("floor", lines, draw.LineBasicMaterial(0x9AA4AE), draw.LineSegments)
+
+    def draw_robots(self, visuals: pin.GeometryModel) -> None:
+        """The robot and its ghost: a node a joint, with the shapes that the joint carries below it."""
+        shapes = list(visuals.geometryObjects)
+        total = max(1, sum(getattr(shape.geometry, "num_tris", 0) for shape in shapes))
+        for index, shape in enumerate(shapes):
+            is_mesh = isinstance(shape.geometry, coal.BVHModelBase)
+            *rgb, opacity = shape.meshColor
+            colour = int.from_bytes(bytes(round(255 * min(max(part, 0), 1)) for part in rgb), "big")
+            solid = draw.MeshPhongMaterial(colour, opacity=opacity, flatShading=is_mesh)
+            ghostly = draw.MeshPhongMaterial(
+                GHOST_COLOUR, opacity=0.3, flatShading=is_mesh,
+                polygonOffset=True, polygonOffsetFactor=0, polygonOffsetUnits=300,  # the arm hides its ghost
+            )  # fmt: skip
+            for part, (geometry, thinned, placement) in enumerate(_drawn(shape, total)):
+                path = f"{shape.parentJoint}/{index}.{part}"
+                for name, form, look in (("robot", geometry, solid), ("set-point", thinned, ghostly)):
+                    self.draw(f"{name}/{path}", form, look)
+                    self.root[f"{name}/{path}"].set_transform(shape.placement.homogeneous @ placement)
+
+    def move(self, name: str, motion: _Motion, animation: Animation) -> None:
+        for joint in range(1, motion.joints.shape[1]):
+            node, placements = self.root[f"{name}/{joint}"], motion.joints[:, joint]
+            node.set_transform(placements[0])
+            if len(placements) > 1:
+                for frame, placement in enumerate(placements):
+                    animation.at_frame(node, frame).set_transform(placement)
+
+
+class _Drawn(NamedTuple):
+    """What MeshCat draws for a shape and for its ghost, and where in the shape's frame."""
+
+    geometry: draw.Geometry
+    thinned: draw.Geometry
+    placement: np.ndarray  # (4, 4)
+
+
+def _drawn(shape: pin.GeometryObject, total: int) -> Iterator[_Drawn]:
+    """The parts of a shape; ``total`` triangles of the whole robot decide how many a mesh may keep."""
+    form = shape.geometry
+    if isinstance(form, coal.BVHModelBase):
+        vertices, triangles = _mesh(shape)
+        share = len(triangles) / total
+        full = _thinned(vertices, triangles, share * ROBOT_TRIANGLES)
+        yield _Drawn(full, _thinned(vertices, triangles, share * GHOST_TRIANGLES), np.eye(4))
+    elif isinstance(form, coal.Sphere):
+        yield _at(draw.Sphere(form.radius))
+    elif isinstance(form, coal.Cylinder | coal.Capsule):
+        upright = pin.utils.rotate("x", np.pi / 2)  # three.js has the axis along y
+        yield _at(draw.Cylinder(2 * form.halfLength, form.radius), rotation=upright)
+        for end in (-1, 1) if isinstance(form, coal.Capsule) else ():
+            yield _at(draw.Sphere(form.radius), np.array([0, 0, end * form.halfLength]))
+    else:
+        form.computeLocalAABB()
+        box = form.aabb_local
+        yield _at(draw.Box(list(box.max_ - box.min_)), (box.max_ + box.min_) / 2)
+
+
+def _at(form: draw.Geometry, position: Any = (0, 0, 0), rotation: np.ndarray | None = None) -> _Drawn:
+    placement = pin.SE3(np.eye(3) if rotation is None else rotation, np.array(position, dtype=float))
+    return _Drawn(form, form, placement.homogeneous)
+
+
+def _camera(visuals: pin.GeometryModel, motion: _Motion, ghost: _Motion) -> dict[str, Any]:
+    """A camera that has the whole motion in view, facing the plane it mostly moves in."""
+    corners = [motion.tool]
+    for shape in visuals.geometryObjects:
+        shape.geometry.computeLocalAABB()
+        box = shape.geometry.aabb_local
+        local = np.array(list(itertools.product(*zip(box.min_, box.max_, strict=True))))
+        local = shape.placement.rotation @ local.T + shape.placement.translation[:, None]
+        for placements in (motion.joints[::10], ghost.joints[::10]):
+            world = placements[:, shape.parentJoint]
+            corners.append((world[:, :3, :3] @ local + world[:, :3, 3:]).swapaxes(1, 2).reshape(-1, 3))
+    points = np.concatenate(corners)
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre, towards = (low + high) / 2, np.array([0.45, -0.45, 0.35])
+    narrowest = int(np.argmin(high - low))
+    towards[narrowest] = np.sign(towards[narrowest])
+    towards /= np.linalg.norm(towards)
+    right = np.cross([0, 0, 1], towards) / np.linalg.norm(towards[:2])
+    axes = np.stack([right, np.cross(towards, right), towards])
+    aside_x, aside_y, depth = axes @ (points - centre).T
+    aside = np.maximum(np.abs(aside_x), np.abs(aside_y)) / math.tan(math.radians(FIELD_OF_VIEW / 2))
+    return {  # in three.js's axes, where y is up
+        "angle": FIELD_OF_VIEW, "distance": 1.1 * float(np.max(depth + aside)),
+        "target": [centre[0], centre[2], -centre[1]], "towards": [towards[0], towards[2], -towards[1]],
+    }  # fmt: skip
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+
+    def do_GET(self) -> None:
+        host = self.headers.get("Host", "").rsplit(":", 1)[0]
+        if self.path != "/" or host not in (LOOPBACK, "localhost"):  # another name: a page of somebody else
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(self.server.page)))
+        self.end_headers()
+        self.wfile.write(self.server.page)
+
+    def log_message(self, format: str, *_: Any) -> None:
+        """Nothing: the user's terminal is the user's."""
+
+
+class _Server(ThreadingTCPServer):
+    """Serves one page on the loopback interface, in threads that end with the process."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+
+    def __init__(self, page: str, port: int):
+        self.page = page.encode()
+        try:
+            super().__init__((LOOPBACK, port), _Handler)
+        except (OSError, OverflowError) as reason:
+            raise ArgumentError(f"port {port}: nothing can be served there: {reason}") from reason
+        self.thread = threading.Thread(target=self.serve_forever, daemon=True)
+        self.thread.start()
+
+
+_PAGE = Template("""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline';
+ style-src 'unsafe-inline'; img-src data: blob:">
+<title>$title</title>
+<style>
+body { margin: 0; font: 14px/1.5 sans-serif; color: #223 }
+#pane { width: 100vw; height: 100vh; overflow: hidden }
+#legend { position: absolute; left: 12px; bottom: 10px; pointer-events: none }
+</style>
+</head>
+<body>
+<div id="pane"></div>
+<div id="legend"><b>$title</b>, $duration<br>
+<span style="color: #b35c0a">set-point</span>, <span style="color: #1f5fbf">path of the tool</span></div>
+<script>$code</script>
+<script>
+const viewer = new MeshCat.Viewer(document.getElementById("pane"));
+for (const command of $commands)
+  viewer.handle_command_bytearray(Uint8Array.from(atob(command), letter => letter.charCodeAt(0)));
+const camera = $camera;
+const distance = camera.distance * Math.max(1, innerHeight / innerWidth);
+viewer.camera.fov = camera.angle;
+viewer.camera.position.set(...camera.target.map((x, i) => x + distance * camera.towards[i]));
+viewer.controls.target.set(...camera.target);
+viewer.controls.update();
+</script>
+</body>
+</html>
+""")
+
+
+def _mesh(shape: pin.GeometryObject) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) [m] and the numbers (m, 3) of those of each triangle.
+
+    coal 3.0 counts the vertices of nested COLLADA nodes, and of a node's further materials, from the
+    wrong one on, which scrambles the UR5's wrists; vertices without a triangle give it away. What
+    cannot be mended is drawn as it was read.
+    """
+    mesh = shape.geometry
+    triangles = _triangles(mesh)
+    if len(np.unique(triangles)) < mesh.num_vertices and shape.meshPath.lower().endswith(".dae"):
+        with contextlib.suppress(KeyError, AttributeError, ValueError, ElementTree.ParseError):
+            again = _flattened(shape.meshPath, shape.meshScale)
+            if again.num_tris == mesh.num_tris:
+                return again.vertices(), _triangles(again)
+    return mesh.vertices(), triangles
+
+
+def _triangles(mesh: coal.BVHModelBase) -> np.ndarray:
+    corners = (mesh.tri_indices(index) for index in range(mesh.num_tris))
+    return np.array([(corner[0], corner[1], corner[2]) for corner in corners])
+
+
+def _flattened(path: str, scale: np.ndarray) -> coal.BVHModelBase:
+    """A COLLADA mesh, read from a copy in which every part is a node of its own below the root."""
+    tree = ElementTree.parse(path)
+    root = tree.getroot()
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]  # assimp reads no namespace prefixes
+    geometries = {f"#{geometry.get('id')}": geometry for geometry in root.iter("geometry")}
+    scene, library = root.find(".//visual_scene"), root.find("library_geometries")
+
+    def flatten(node: Any, placement: list[Any]) -> None:
+        placement = placement + [child for child in node if child.tag in _PLACEMENTS]
+        for use in node.findall("instance_geometry"):
+            whole = geometries[use.get("url")]
+            for number in range(len(whole.find("mesh").findall(_PARTS))):
+                single, own = copy.deepcopy(whole), copy.deepcopy(use)
+                mesh = single.find("mesh")
+                for other, part in enumerate(mesh.findall(_PARTS)):
+                    if other != number:
+                        mesh.remove(part)
+                name = f"part.{len(library)}"
+                single.set("id", name)
+                own.set("url", f"#{name}")
+                library.append(single)
+                scene.append(scene.makeelement("node", {"id": name, "name": name}))
+                scene[-1].extend([*placement, own])
+        for child in node.findall("node"):
+            flatten(child, placement)
+
+    for node in scene.findall("node"):
+        scene.remove(node)
+        flatten(node, [])
+    with tempfile.TemporaryDirectory() as folder:
+        copied = Path(folder) / "mesh.dae"
+        tree.write(copied)
+        return coal.MeshLoader().load(str(copied), scale)
+
+
+def _thinned(vertices: np.ndarray, triangles: np.ndarray, most: float) -> draw.TriangularMeshGeometry:
+    """The mesh with ``most`` triangles: the vertices within a cell of a grid become one, ever coarser."""
+    points, corners = vertices, triangles
+    cell = 2e-3 * np.ptp(vertices, axis=0).max()
+    while len(corners) > max(most, 12) and cell > 0:
+        cells = ((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
+        _, group, counts = np.unique(cells @ (1, 2**20, 2**40), return_inverse=True, return_counts=True)
+        points = np.stack([np.bincount(group, axis) for axis in vertices.T], axis=1) / counts[:, None]
+        corners = group[triangles]
+        corners = corners[np.all(corners != np.roll(corners, 1, axis=1), axis=1)]
+        cell *= 1.5
+    return draw.TriangularMeshGeometry(points, corners)

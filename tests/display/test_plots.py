@@ -1,0 +1,135 @@
+"""Plots show what the record holds, completely and legibly."""
+
+import dataclasses
+
+import matplotlib.colors
+import matplotlib.image
+import matplotlib.pyplot
+import numpy as np
+import pytest
+
+import eladapt as ea
+from eladapt.display.plots import COLOURS, MOST_POINTS
+
+LONG = "2.83 (my(panda_joint2) - mz(panda_joint3) + 0.823 my(panda_joint4) + 0.823 mz(panda_joint5) + ...)"
+
+
+def panels(figure):
+    return {axes.get_title(loc="left"): axes for axes in figure.axes}
+
+
+@pytest.mark.parametrize(("suffix", "head"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_the_suffix_decides_the_format(record_of, tmp_path, suffix, head):
+    path = tmp_path / f"run.{suffix}"
+    ea.plot(record_of("two_link"), path)
+    assert path.read_bytes().startswith(head)
+    assert list(tmp_path.iterdir()) == [path], "no temporary file is left"
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_twelve_parameters_and_seven_joints_are_drawn_with_nothing_cut_off(record_of, tmp_path, count):
+    record = record_of("panda", n_parameters=12, theta_labels=(LONG,) * 12)
+    figure = ea.plot([record] * count, tmp_path / "run.png")
+    picture = matplotlib.image.imread(tmp_path / "run.png")[..., :3]
+    edge = np.concatenate([picture[[0, 1, -2, -1]].ravel(), picture[:, [0, 1, -2, -1]].ravel()])
+    assert (edge == 1).all(), "something reaches over the edge of the figure"
+    for colour in COLOURS:
+        near = np.abs(picture - matplotlib.colors.to_rgb(colour)).max(axis=-1) < 0.02
+        assert near.sum() > 50, f"nothing is drawn in {colour}"
+    for legend in figure.legends:
+        box = legend.get_window_extent().transformed(figure.dpi_scale_trans.inverted())
+        assert box.x1 < figure.get_figwidth(), "a legend is wider than the figure"
+
+
+def test_curves_are_the_records_values_and_dashed_lines_the_true_parameters(record_of):
+    record = record_of("two_link", 0.5)
+    drawn = panels(ea.plot(record))
+    for title, values in (("position error", record.error), ("velocity", record.v), ("torque", record.tau)):
+        for line, column in zip(drawn[title].lines, values.T, strict=False):
+            np.testing.assert_array_equal(line.get_ydata(), column)
+    estimates = drawn["estimates, true values dashed"].lines
+    np.testing.assert_array_equal(estimates[0].get_ydata(), record.theta[:, 0])
+    levels = [line.get_ydata()[0] for line in estimates if line.get_linestyle() == "--"]
+    np.testing.assert_array_equal(levels, record.theta_true)
+
+
+def test_records_side_by_side_have_common_axes_that_hold_every_curve(record_of):
+    small = record_of("two_link")
+    large = dataclasses.replace(small, tau=9 * small.tau, theta=9 * small.theta, v=9 * small.v)
+    for pair in ([small, large], [large, small]):
+        axes = ea.plot(pair).axes
+        for left, right in zip(axes[::2], axes[1::2], strict=True):
+            assert left.get_ylim() == right.get_ylim()
+            for line in [*left.lines, *right.lines]:
+                if len(line.get_ydata()) > 2:
+                    assert left.get_ylim()[0] <= line.get_ydata().min()
+                    assert left.get_ylim()[1] >= line.get_ydata().max()
+
+
+def test_the_settling_time_is_marked(record_of):
+    record = record_of("two_link")
+    lines = panels(ea.plot(record))["size of the position error"].lines
+    assert any(set(line.get_xdata()) == {record.settling_time()} for line in lines)
+
+
+def test_limits_are_drawn_when_the_torque_comes_near(record_of):
+    near = record_of("two_link", effort_limit=np.array([1.0, np.inf]))
+    far = record_of("two_link", effort_limit=np.array([1e4, np.inf]))
+    assert len(panels(ea.plot(near))["torque"].lines) == 2 + 1
+    assert len(panels(ea.plot(far))["torque"].lines) == 2
+
+
+def test_a_long_record_is_thinned_and_keeps_its_spikes(record_of):
+    record = record_of("two_link", 20.0)
+    record.tau[12345, 0] = 777.0
+    line = panels(ea.plot(record))["torque"].lines[0]
+    assert len(line.get_ydata()) <= MOST_POINTS + 2
+    assert line.get_ydata().max() == 777.0
+
+
+def test_a_controller_without_estimates_gets_the_panels_of_the_motion(record_of):
+    record = record_of("two_link", n_parameters=0, theta_true=None)
+    assert len(panels(ea.plot(record))) == 4
+
+
+def test_unknown_true_values_and_diverged_samples_are_drawn(record_of, tmp_path):
+    record = record_of("two_link", theta_true=None)
+    record.error[-100:] = np.nan
+    record.theta[-100:] = np.nan
+    ea.plot(record, tmp_path / "run.png")
+    assert "size of the estimates' errors" not in panels(ea.plot(record))
+
+
+def test_a_title_is_text_and_no_formula(record_of, tmp_path):
+    ea.plot(record_of("two_link", title=r"costs $5_{ and \frac$"), tmp_path / "run.png")
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+
+
+def test_pyplot_holds_no_figure_afterwards(record_of):
+    before = matplotlib.pyplot.get_fignums()
+    ea.plot(record_of("two_link"))
+    assert matplotlib.pyplot.get_fignums() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (lambda r, folder: (r, folder / "run.bmp"), r"\.png, \.pdf, \.svg"),
+        (lambda r, folder: (r, folder / "run"), r"\.png, \.pdf, \.svg"),
+        (lambda r, folder: ([],), "at least one"),
+        (lambda r, folder: ("run.npz",), "expected a Record"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(record_of, tmp_path, arguments, message):
+    with pytest.raises(ea.EladaptError, match=message):
+        ea.plot(*arguments(record_of("two_link"), tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
+def test_labels_are_one_a_record(record_of):
+    record = record_of("two_link")
+    figure = ea.plot([record, record], labels=["first", "second"])
+    texts = {text.get_text() for axes in figure.axes for text in axes.texts}
+    assert {"first", "second"} <= texts
+    with pytest.raises(ea.EladaptError, match="expected 2"):
+        ea.plot([record, record], labels=["first"])
