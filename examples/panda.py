@@ -14,7 +14,7 @@ import eladapt as ea
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--view", action="store_true", help="open the live view until Enter is pressed")
+    parser.add_argument("--view", action="store_true", help="open the live view, until interrupted")
     parser.add_argument("--out", type=Path, default=Path("out"), help="folder for the files (default: out)")
     options = parser.parse_args()
 
@@ -38,9 +38,7 @@ def main() -> None:
     record.save(options.out / "panda.npz")
     print(f"wrote {options.out}/panda.png, panda.html and panda.npz")
     if options.view:
-        view = ea.view(record)
-        input(f"The arm moves at {view.url}; Enter ends. ")
-        view.close()
+        ea.view(record).wait()
 
 
 if __name__ == "__main__":

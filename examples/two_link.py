@@ -17,7 +17,7 @@ CLAIMS = "error < 1e-3 rad by 4 s | theta_U within 1 % by 2.5 s | chatter <= 0.0
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--view", action="store_true", help="open the live view until Enter is pressed")
+    parser.add_argument("--view", action="store_true", help="open the live view, until interrupted")
     parser.add_argument("--out", type=Path, default=Path("out"), help="folder for the files (default: out)")
     options = parser.parse_args()
 
@@ -49,9 +49,7 @@ def main() -> None:
     ea.view(letter[0], html=options.out / "two_link.html")
     print(f"wrote {options.out / 'two_link.png'}\nwrote {options.out / 'two_link.html'}")
     if options.view:
-        view = ea.view(letter[0])
-        input(f"The arm moves at {view.url}; Enter ends. ")
-        view.close()
+        ea.view(letter[0]).wait()
 
 
 if __name__ == "__main__":

@@ -8,20 +8,12 @@ security policy has the browser refuse any.
 from __future__ import annotations
 
 import base64
-import contextlib
-import copy
 import html as escaping
 import itertools
 import json
 import math
-import tempfile
-import threading
-from collections.abc import Iterator
 from dataclasses import dataclass
-from http.server import BaseHTTPRequestHandler
 from pathlib import Path
-from socketserver import ThreadingTCPServer
-from string import Template
 from typing import Any, NamedTuple
 
 import coal
@@ -29,10 +21,11 @@ import meshcat
 import numpy as np
 import pinocchio as pin
 import umsgpack
-from defusedxml import ElementTree
 from meshcat import geometry as draw
 from meshcat.animation import Animation
 
+from eladapt.display.meshes import drawn
+from eladapt.display.page import LOOPBACK, PAGE, PageServer
 from eladapt.errors import ArgumentError, require_number
 from eladapt.files import atomic_write
 from eladapt.robot.model import Robot
@@ -40,12 +33,8 @@ from eladapt.simulation.record import Record
 
 FRAMES_PER_SECOND = 30
 MOST_FRAMES = 3000  # of one animation; a longer motion gets fewer frames a second
-ROBOT_TRIANGLES, GHOST_TRIANGLES = 140_000, 20_000  # the Panda has 134,293: 3.3 MB of the page
 GHOST_COLOUR, TRAIL_COLOUR = 0xE8862A, 0x1F5FBF
 FIELD_OF_VIEW = 40.0  # [deg] vertical
-LOOPBACK = "127.0.0.1"
-_PLACEMENTS = ("matrix", "translate", "rotate", "scale", "skew", "lookat")
-_PARTS = "*[@count]"  # <triangles>, <polylist> and the like: a material each
 VIEWER_CODE = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
 
 
@@ -55,7 +44,7 @@ class View:
 
     url: str
     path: Path | None = None
-    server: _Server | None = None
+    server: PageServer | None = None
 
     def wait(self) -> None:
         """Keep serving until Ctrl-C, then close. Returns at once for a file."""
@@ -84,7 +73,7 @@ def view(
     """
     speed = require_number("speed", speed, 0.0)
     if html is None:
-        server = _Server(_page(record, speed, loop), port)
+        server = PageServer(_page(record, speed, loop), port)
         url = f"http://{LOOPBACK}:{server.server_address[1]}/"
         print(f"The motion can be seen at {url}", flush=True)
         return View(url, server=server)
@@ -128,7 +117,7 @@ def _page(record: Record, speed: float, loop: bool) -> str:
     scene.move("robot", motion, animation)
     scene.move("set-point", ghost, animation)
     scene.root.set_animation(animation, repetitions=math.inf if loop else 1)
-    return _PAGE.substitute(
+    return PAGE.substitute(
         title=escaping.escape(record.title or robot.name),
         duration=f"{t[-1]:.3g} s" + ("" if speed == 1 else f" at {speed:g} times real time"),
         code=VIEWER_CODE.read_text(encoding="utf-8"),
@@ -240,7 +229,7 @@ class _Scene:
                 GHOST_COLOUR, opacity=0.3, flatShading=is_mesh,
                 polygonOffset=True, polygonOffsetFactor=0, polygonOffsetUnits=300,  # the arm hides its ghost
             )  # fmt: skip
-            for part, (geometry, thinned, placement) in enumerate(_drawn(shape, total)):
+            for part, (geometry, thinned, placement) in enumerate(drawn(shape, total)):
                 path = f"{shape.parentJoint}/{index}.{part}"
                 for name, form, look in (("robot", geometry, solid), ("set-point", thinned, ghostly)):
                     self.draw(f"{name}/{path}", form, look)
@@ -253,40 +242,6 @@ class _Scene:
             if len(placements) > 1:
                 for frame, placement in enumerate(placements):
                     animation.at_frame(node, frame).set_transform(placement)
-
-
-class _Drawn(NamedTuple):
-    """What MeshCat draws for a shape and for its ghost, and where in the shape's frame."""
-
-    geometry: draw.Geometry
-    thinned: draw.Geometry
-    placement: np.ndarray  # (4, 4)
-
-
-def _drawn(shape: pin.GeometryObject, total: int) -> Iterator[_Drawn]:
-    """The parts of a shape; ``total`` triangles of the whole robot decide how many a mesh may keep."""
-    form = shape.geometry
-    if isinstance(form, coal.BVHModelBase):
-        vertices, triangles = _mesh(shape)
-        share = len(triangles) / total
-        full = _thinned(vertices, triangles, share * ROBOT_TRIANGLES)
-        yield _Drawn(full, _thinned(vertices, triangles, share * GHOST_TRIANGLES), np.eye(4))
-    elif isinstance(form, coal.Sphere):
-        yield _at(draw.Sphere(form.radius))
-    elif isinstance(form, coal.Cylinder | coal.Capsule):
-        upright = pin.utils.rotate("x", np.pi / 2)  # three.js has the axis along y
-        yield _at(draw.Cylinder(2 * form.halfLength, form.radius), rotation=upright)
-        for end in (-1, 1) if isinstance(form, coal.Capsule) else ():
-            yield _at(draw.Sphere(form.radius), np.array([0, 0, end * form.halfLength]))
-    else:
-        form.computeLocalAABB()
-        box = form.aabb_local
-        yield _at(draw.Box(list(box.max_ - box.min_)), (box.max_ + box.min_) / 2)
-
-
-def _at(form: draw.Geometry, position: Any = (0, 0, 0), rotation: np.ndarray | None = None) -> _Drawn:
-    placement = pin.SE3(np.eye(3) if rotation is None else rotation, np.array(position, dtype=float))
-    return _Drawn(form, form, placement.homogeneous)
 
 
 def _camera(visuals: pin.GeometryModel, motion: _Motion, ghost: _Motion) -> dict[str, Any]:
@@ -314,144 +269,3 @@ def _camera(visuals: pin.GeometryModel, motion: _Motion, ghost: _Motion) -> dict
         "angle": FIELD_OF_VIEW, "distance": 1.1 * float(np.max(depth + aside)),
         "target": [centre[0], centre[2], -centre[1]], "towards": [towards[0], towards[2], -towards[1]],
     }  # fmt: skip
-
-
-class _Handler(BaseHTTPRequestHandler):
-    server: _Server
-
-    def do_GET(self) -> None:
-        host = self.headers.get("Host", "").rsplit(":", 1)[0]
-        if self.path != "/" or host not in (LOOPBACK, "localhost"):  # another name: a page of somebody else
-            self.send_error(404)
-            return
-        self.send_response(200)
-        self.send_header("Content-Type", "text/html; charset=utf-8")
-        self.send_header("Content-Length", str(len(self.server.page)))
-        self.end_headers()
-        self.wfile.write(self.server.page)
-
-    def log_message(self, format: str, *_: Any) -> None:
-        """Nothing: the user's terminal is the user's."""
-
-
-class _Server(ThreadingTCPServer):
-    """Serves one page on the loopback interface, in threads that end with the process."""
-
-    allow_reuse_address = True
-    daemon_threads = True
-
-    def __init__(self, page: str, port: int):
-        self.page = page.encode()
-        try:
-            super().__init__((LOOPBACK, port), _Handler)
-        except (OSError, OverflowError) as reason:
-            raise ArgumentError(f"port {port}: nothing can be served there: {reason}") from reason
-        self.thread = threading.Thread(target=self.serve_forever, daemon=True)
-        self.thread.start()
-
-
-_PAGE = Template("""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline';
- style-src 'unsafe-inline'; img-src data: blob:">
-<title>$title</title>
-<style>
-body { margin: 0; font: 14px/1.5 sans-serif; color: #223 }
-#pane { width: 100vw; height: 100vh; overflow: hidden }
-#legend { position: absolute; left: 12px; bottom: 10px; pointer-events: none }
-</style>
-</head>
-<body>
-<div id="pane"></div>
-<div id="legend"><b>$title</b>, $duration<br>
-<span style="color: #b35c0a">set-point</span>, <span style="color: #1f5fbf">path of the tool</span></div>
-<script>$code</script>
-<script>
-const viewer = new MeshCat.Viewer(document.getElementById("pane"));
-for (const command of $commands)
-  viewer.handle_command_bytearray(Uint8Array.from(atob(command), letter => letter.charCodeAt(0)));
-const camera = $camera;
-const distance = camera.distance * Math.max(1, innerHeight / innerWidth);
-viewer.camera.fov = camera.angle;
-viewer.camera.position.set(...camera.target.map((x, i) => x + distance * camera.towards[i]));
-viewer.controls.target.set(...camera.target);
-viewer.controls.update();
-</script>
-</body>
-</html>
-""")
-
-
-def _mesh(shape: pin.GeometryObject) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) [m] and the numbers (m, 3) of those of each triangle.
-
-    coal 3.0 counts the vertices of nested COLLADA nodes, and of a node's further materials, from the
-    wrong one on, which scrambles the UR5's wrists; vertices without a triangle give it away. What
-    cannot be mended is drawn as it was read.
-    """
-    mesh = shape.geometry
-    triangles = _triangles(mesh)
-    if len(np.unique(triangles)) < mesh.num_vertices and shape.meshPath.lower().endswith(".dae"):
-        with contextlib.suppress(KeyError, AttributeError, ValueError, ElementTree.ParseError):
-            again = _flattened(shape.meshPath, shape.meshScale)
-            if again.num_tris == mesh.num_tris:
-                return again.vertices(), _triangles(again)
-    return mesh.vertices(), triangles
-
-
-def _triangles(mesh: coal.BVHModelBase) -> np.ndarray:
-    corners = (mesh.tri_indices(index) for index in range(mesh.num_tris))
-    return np.array([(corner[0], corner[1], corner[2]) for corner in corners])
-
-
-def _flattened(path: str, scale: np.ndarray) -> coal.BVHModelBase:
-    """A COLLADA mesh, read from a copy in which every part is a node of its own below the root."""
-    tree = ElementTree.parse(path)
-    root = tree.getroot()
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]  # assimp reads no namespace prefixes
-    geometries = {f"#{geometry.get('id')}": geometry for geometry in root.iter("geometry")}
-    scene, library = root.find(".//visual_scene"), root.find("library_geometries")
-
-    def flatten(node: Any, placement: list[Any]) -> None:
-        placement = placement + [child for child in node if child.tag in _PLACEMENTS]
-        for use in node.findall("instance_geometry"):
-            whole = geometries[use.get("url")]
-            for number in range(len(whole.find("mesh").findall(_PARTS))):
-                single, own = copy.deepcopy(whole), copy.deepcopy(use)
-                mesh = single.find("mesh")
-                for other, part in enumerate(mesh.findall(_PARTS)):
-                    if other != number:
-                        mesh.remove(part)
-                name = f"part.{len(library)}"
-                single.set("id", name)
-                own.set("url", f"#{name}")
-                library.append(single)
-                scene.append(scene.makeelement("node", {"id": name, "name": name}))
-                scene[-1].extend([*placement, own])
-        for child in node.findall("node"):
-            flatten(child, placement)
-
-    for node in scene.findall("node"):
-        scene.remove(node)
-        flatten(node, [])
-    with tempfile.TemporaryDirectory() as folder:
-        copied = Path(folder) / "mesh.dae"
-        tree.write(copied)
-        return coal.MeshLoader().load(str(copied), scale)
-
-
-def _thinned(vertices: np.ndarray, triangles: np.ndarray, most: float) -> draw.TriangularMeshGeometry:
-    """The mesh with ``most`` triangles: the vertices within a cell of a grid become one, ever coarser."""
-    points, corners = vertices, triangles
-    cell = 2e-3 * np.ptp(vertices, axis=0).max()
-    while len(corners) > max(most, 12) and cell > 0:
-        cells = ((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
-        _, group, counts = np.unique(cells @ (1, 2**20, 2**40), return_inverse=True, return_counts=True)
-        points = np.stack([np.bincount(group, axis) for axis in vertices.T], axis=1) / counts[:, None]
-        corners = group[triangles]
-        corners = corners[np.all(corners != np.roll(corners, 1, axis=1), axis=1)]
-        cell *= 1.5
-    return draw.TriangularMeshGeometry(points, corners)

@@ -19,14 +19,14 @@ def saturation(delta: float | np.ndarray, c: float, d: float) -> np.ndarray:
 
 
 def zeta_1(delta: float | np.ndarray, b: float, d: float) -> np.ndarray:
-    """zeta_1 = f(Delta) Delta^b for Delta >= 0 and c = b, in [0, 1): a logistic curve in log Delta."""
+    """zeta_1 = f(Delta) |Delta|^b sign(Delta) for c = b, in [0, 1): a logistic curve in log |Delta|."""
     return expit((b + d) * log_delta(delta))
 
 
 def log_delta(delta: float | np.ndarray) -> np.ndarray:
-    """The natural logarithm of Delta, -inf where nothing is excited."""
+    """The natural logarithm of |Delta|, -inf where nothing is excited."""
     with np.errstate(divide="ignore"):
-        return np.log(np.asarray(delta, dtype=float))
+        return np.log(np.abs(np.asarray(delta, dtype=float)))
 
 
 class Excitation(NamedTuple):

@@ -20,7 +20,8 @@ import pytest
 import umsgpack
 
 import eladapt as ea
-from eladapt.display.viewer import ROBOT_TRIANGLES, VIEWER_CODE
+from eladapt.display.meshes import ROBOT_TRIANGLES
+from eladapt.display.viewer import VIEWER_CODE
 
 TRIANGLE = """solid one
 facet normal 0 0 1

@@ -1,0 +1,80 @@
+"""One page, and the server that shows it on the loopback interface."""
+
+from __future__ import annotations
+
+import threading
+from http.server import BaseHTTPRequestHandler
+from socketserver import ThreadingTCPServer
+from string import Template
+from typing import Any
+
+from eladapt.errors import ArgumentError
+
+LOOPBACK = "127.0.0.1"
+
+PAGE = Template("""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline';
+ style-src 'unsafe-inline'; img-src data: blob:">
+<title>$title</title>
+<style>
+body { margin: 0; font: 14px/1.5 sans-serif; color: #223 }
+#pane { width: 100vw; height: 100vh; overflow: hidden }
+#legend { position: absolute; left: 12px; bottom: 10px; pointer-events: none }
+</style>
+</head>
+<body>
+<div id="pane"></div>
+<div id="legend"><b>$title</b>, $duration<br>
+<span style="color: #b35c0a">set-point</span>, <span style="color: #1f5fbf">path of the tool</span></div>
+<script>$code</script>
+<script>
+const viewer = new MeshCat.Viewer(document.getElementById("pane"));
+for (const command of $commands)
+  viewer.handle_command_bytearray(Uint8Array.from(atob(command), letter => letter.charCodeAt(0)));
+const camera = $camera;
+const distance = camera.distance * Math.max(1, innerHeight / innerWidth);
+viewer.camera.fov = camera.angle;
+viewer.camera.position.set(...camera.target.map((x, i) => x + distance * camera.towards[i]));
+viewer.controls.target.set(...camera.target);
+viewer.controls.update();
+</script>
+</body>
+</html>
+""")
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: PageServer
+
+    def do_GET(self) -> None:
+        host = self.headers.get("Host", "").rsplit(":", 1)[0]
+        if self.path != "/" or host not in (LOOPBACK, "localhost"):  # another name: a page of somebody else
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(self.server.page)))
+        self.end_headers()
+        self.wfile.write(self.server.page)
+
+    def log_message(self, format: str, *_: Any) -> None:
+        """Nothing: the user's terminal is the user's."""
+
+
+class PageServer(ThreadingTCPServer):
+    """Serves one page on the loopback interface, in threads that end with the process."""
+
+    allow_reuse_address = True
+    daemon_threads = True
+
+    def __init__(self, page: str, port: int):
+        self.page = page.encode()
+        try:
+            super().__init__((LOOPBACK, port), _Handler)
+        except (OSError, OverflowError) as reason:
+            raise ArgumentError(f"port {port}: nothing can be served there: {reason}") from reason
+        self.thread = threading.Thread(target=self.serve_forever, daemon=True)
+        self.thread.start()
