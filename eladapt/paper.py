@@ -13,6 +13,8 @@ import numpy as np
 
 from eladapt.control.composite import CompositeController
 from eladapt.control.finite_time import FiniteTimePD
+from eladapt.control.slotine_li import SlotineLi
+from eladapt.control.terminal_sliding import TerminalSliding
 from eladapt.control.typeset import TypesetComposite
 from eladapt.errors import ArgumentError
 from eladapt.estimation.adaptation import CompositeLaw
@@ -24,12 +26,13 @@ from eladapt.robot.model import Robot
 from eladapt.robot.parameters import ParameterBasis
 from eladapt.robot.regressors import Regressors
 from eladapt.robot.standard import StandardRegressors
+from eladapt.simulation.disturbances import Friction
 from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
 
-Name = Literal["C1", "C2"]
-NAMES = ("C1", "C2")
+Name = Literal["C1", "C2", "C3", "C4"]
+NAMES = ("C1", "C2", "C3", "C4")
 
 # As given.
 STEP = 5e-4  # [s]
@@ -41,6 +44,10 @@ GAMMA1, GAMMA2, D1, GAMMA, UPSILON = 0.3, 0.7, 5.0, 1.0, 50.0
 ALPHA = BETA_0 = XI = 10.0
 F0 = 1.0
 LAMBDA_2, LAMBDA_3 = 1.0, 1.3
+LAMBDA_3_SLIDING = 1.0  # of C3
+K1, K2, K_S = 2.0, 1.5, 0.6  # of C3 and C4
+COULOMB = (0.5, 0.4)  # [N m], Case 2
+NOISE = 0.005  # [rad] and [rad/s], Case 2
 
 # Not given in the paper.
 POLE = 10.0  # lambda_0 = lambda_1 [1/s]
@@ -93,53 +100,70 @@ def controller(
     pole: float = POLE,
     linear_damping: float = LINEAR_DAMPING,
     d: float = SATURATION_EXPONENT,
+    weight: float = 1.0,
     typeset: bool = False,
-) -> CompositeController | TypesetComposite:
-    """C1 (least squares) or C2 (Kreisselmeier) with the paper's gains.
+    arm: Robot | None = None,
+) -> CompositeController | TypesetComposite | TerminalSliding | SlotineLi:
+    """One of the paper's four controllers, with the paper's gains.
 
-    pole [1/s], linear_damping (D_L) [N m s/rad] and d (fphi) are not given in the paper. typeset:
-    explicit Euler and Cramer's rule; otherwise the library's numerics.
+    C1: composite, least squares. C2: composite, Kreisselmeier. C3: terminal sliding. C4: Slotine-Li.
+    pole [1/s], linear_damping (D_L) [N m s/rad] and d (fphi) are not given in the paper. weight: w of C4,
+    1 as typed. typeset: explicit Euler and Cramer's rule; otherwise the library's numerics. arm: another
+    two-link arm than `robot()`.
     """
     if name not in NAMES:
         raise ArgumentError(f"name: expected one of {', '.join(NAMES)}, got {name!r}")
-    arm = robot()
+    arm = arm or robot()
     regressors = Regressors(arm, sharing="independent", basis=basis(arm))
+    regression = EulerForceBalance(regressors, pole) if typeset else ForceBalance(regressors, pole)
+    least_squares = (EulerLeastSquares if typeset else LeastSquares)(ALPHA, BETA_0, XI, F0)
+    kreisselmeier = EulerKreisselmeier if typeset else Kreisselmeier
+    if name == "C3":
+        extension = kreisselmeier(LAMBDA_2, LAMBDA_3_SLIDING)
+        return TerminalSliding(regressors, regression, extension, K1, K2, K_S, (2 * R2 - R1) / R1)
+    if name == "C4":
+        return SlotineLi(regressors, regression, least_squares, K1, K2, weight, track=True)
     law = CompositeLaw(GAMMA1, GAMMA2, D1, GAMMA, UPSILON, b=(2 * R2 - R1) / R2, d=d)
+    extension = least_squares if name == "C1" else kreisselmeier(LAMBDA_2, LAMBDA_3)
     if typeset:
-        return TypesetComposite(
-            regressors,
-            EulerForceBalance(regressors, pole),
-            EulerLeastSquares(ALPHA, BETA_0, XI, F0)
-            if name == "C1"
-            else EulerKreisselmeier(LAMBDA_2, LAMBDA_3),
-            law,
-            FiniteTimePD(P, D, linear_damping, R1, R2, evaluation="explicit"),
-        )
-    return CompositeController(
-        regressors,
-        ForceBalance(regressors, pole),
-        LeastSquares(ALPHA, BETA_0, XI, F0) if name == "C1" else Kreisselmeier(LAMBDA_2, LAMBDA_3),
-        Determinant("all"),
-        law,
-        FiniteTimePD(P, D, linear_damping, R1, R2),
-    )
+        control = FiniteTimePD(P, D, linear_damping, R1, R2, evaluation="explicit")
+        return TypesetComposite(regressors, regression, extension, law, control)
+    control = FiniteTimePD(P, D, linear_damping, R1, R2)
+    return CompositeController(regressors, regression, extension, Determinant("all"), law, control)
+
+
+class PaperNoise:
+    """n_q = 0.005 [sin 100t, cos 100t], n_v = 0.005 [sin 100t, sin 100t] (Case 2)."""
+
+    def sample(self, t: float, nv: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of position and velocity at time t [s]; nothing is random."""
+        sine, cosine = np.sin(100 * t), np.cos(100 * t)
+        return NOISE * np.array([sine, cosine]), NOISE * np.array([sine, sine])
 
 
 def run(
     name: Name,
-    case: Literal[1] = 1,
+    case: Literal[1, 2] = 1,
     *,
     pole: float = POLE,
     linear_damping: float = LINEAR_DAMPING,
     d: float = SATURATION_EXPONENT,
+    weight: float = 1.0,
     duration: float = 10.0,
+    arm: Robot | None = None,
     progress: bool = True,
 ) -> Record:
-    """One of the paper's simulations, to the letter. case 1: no friction, no noise."""
-    if case != 1:
-        raise ArgumentError(f"case: expected 1, got {case!r}")
-    control = controller(name, pole=pole, linear_damping=linear_damping, d=d, typeset=True)
-    plant = PinocchioPlant(control.robot, START, integrator="euler")
+    """One of the paper's simulations, to the letter.
+
+    case 1: no friction, no noise. case 2: Coulomb friction and a sine on the measurements. The other
+    arguments are those of `controller`.
+    """
+    if case not in (1, 2):
+        raise ArgumentError(f"case: expected 1 or 2, got {case!r}")
+    options = {"pole": pole, "linear_damping": linear_damping, "d": d, "weight": weight, "arm": arm}
+    control = controller(name, **options, typeset=True)
+    friction, noise = (Friction(coulomb=COULOMB), PaperNoise()) if case == 2 else (None, None)
+    plant = PinocchioPlant(control.robot, START, friction=friction, noise=noise, integrator="euler")
     goal = np.array(GOAL)
     return simulate(control, plant, goal, duration, STEP, progress=progress, title=f"{name}, case {case}")
 

@@ -114,7 +114,7 @@ class CompositeController:
         self, measurement: Measurement, theta0: Sequence[float] | np.ndarray | None = None
     ) -> ControllerState:
         """Filters at rest at the first measurement, theta_U = theta0 (n_potential,), or zero."""
-        self._check(measurement)
+        self.robot.check_measurement(measurement)
         j = self.regressors.n_potential
         theta = np.zeros(j) if theta0 is None else require_vector("theta0", theta0, j)
         filters = self.regression.init(measurement)
@@ -133,7 +133,7 @@ class CompositeController:
         with the time stamp of the last one (as the first after `init`) is the same sample: nothing
         is advanced. Raises ArgumentError for wrong shapes, non-finite numbers, or time running back.
         """
-        self._check(measurement)
+        self.robot.check_measurement(measurement)
         goal = self.robot.check_q(goal, "goal")
         dt = require_number("dt", dt, 0)
         e1 = self.robot.difference(goal, measurement.q)
@@ -158,9 +158,3 @@ class CompositeController:
         theta = self.law.step(state.theta, psi, e1, measurement.v, mixed, dt)
         excitation = GateMonitor(self.law.b, self.law.d).step(state.excitation, mixed, dt)
         return ControllerState(measurement, theta, filters, regression, information, mixed, excitation)
-
-    def _check(self, measurement: Measurement) -> None:
-        require_number("measurement.t", measurement.t, -np.finfo(float).max)
-        self.robot.check_q(measurement.q, "measurement.q")
-        self.robot.check_v(measurement.v, "measurement.v")
-        self.robot.check_v(measurement.tau, "measurement.tau")

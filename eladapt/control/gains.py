@@ -33,6 +33,20 @@ class Gains(NamedTuple):
     Upsilon: float
 
 
+class SlidingGains(NamedTuple):
+    """What the `for_robot` of the sliding-variable controllers uses; arrays are (nv,)."""
+
+    K1: np.ndarray  # [N m s/rad]
+    K2: np.ndarray  # [1/s]
+    K_s: np.ndarray  # [N m]
+    pole: float  # [1/s]
+    row_weight: np.ndarray  # [1/(N m)]
+    alpha: float  # [1/s]
+    beta: float  # [1/s]
+    xi: float
+    f0: float
+
+
 class Extremes(NamedTuple):
     """Largest values over sampled configurations, by joint."""
 
@@ -49,14 +63,35 @@ def extremes(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> Extremes:
     return Extremes(gravity, inertia)
 
 
+def effort(robot: Robot, largest: Extremes) -> np.ndarray:
+    """(nv,) [N m] the URDF's effort limits; where it sets none, max(3 max|g_i|, 20 max M_ii)."""
+    assumed = np.maximum(3 * largest.gravity, 20 * largest.inertia)
+    return np.where(np.isfinite(robot.effort_limit), robot.effort_limit, assumed)
+
+
+def derive_sliding_gains(robot: Robot, dt: float) -> SlidingGains:
+    """Gains of the Slotine-Li and terminal-sliding controllers, for a torque held over dt [s].
+
+    K1 damps the largest inertia at 10/s, and no joint faster than a tenth of the sampling rate.
+    """
+    dt = require_number("dt", dt, 0)
+    largest = extremes(robot)
+    limit = effort(robot, largest)
+    K1 = np.minimum(10.0, 0.1 / dt) * largest.inertia + 0.1 * largest.gravity
+    return SlidingGains(
+        K1=K1, K2=np.full(robot.nv, 2.0), K_s=0.02 * limit, pole=20.0, row_weight=1 / limit,
+        alpha=10.0, beta=5.0, xi=1e4, f0=0.1,
+    )  # fmt: skip
+
+
 def derive_gains(robot: Robot, dt: float) -> Gains:
     """Gains for a torque that is held over dt [s]."""
     dt = require_number("dt", dt, 0)
     if dt > 0.02:
         raise ArgumentError(f"dt: expected at most 0.02 s for derived gains, got {dt:g} s")
-    gravity, inertia = extremes(robot)
-    assumed = np.maximum(3 * gravity, 20 * inertia)
-    limit = np.where(np.isfinite(robot.effort_limit), robot.effort_limit, assumed)
+    largest = extremes(robot)
+    gravity, inertia = largest
+    limit = effort(robot, largest)
     spare = np.maximum(limit - gravity, 0.3 * limit)
     P = np.minimum(spare, 4 * gravity + 60 * inertia)
     D = 1.5 * P**0.75 * inertia**0.25

@@ -62,7 +62,7 @@ class TypesetComposite:
         theta = np.zeros(j) if theta0 is None else require_vector("theta0", theta0, j)
         filters = self.regression.init(measurement)
         regression = Regression(filters.y, filters.omega)
-        extended = self.extension.init(regression)
+        extended = self.extension.init(len(self.regressors))
         excitation = GateMonitor().init(1)
         return TypesetState(
             measurement, theta, np.zeros(j), filters, regression, extended, cramer(extended), excitation

@@ -22,7 +22,7 @@ class CompositeLaw:
     gamma1, gamma2 >= 0 (one of them positive), d1 >= 0; Gamma, Upsilon: scalar or (n_potential,)
     diagonal, Gamma in units of theta^2/J; b, d: exponents of (fphi) and (329), 0 < b <= 1, d > 0.
     bounds: known |theta_U| bounds, scalar or (n_potential,), or (n_potential, 2) intervals; the
-    estimate is projected on them (Assumption 1).
+    estimate is projected on them (Assumption 1). direct, indirect: which of the two terms act.
     """
 
     gamma1: float = 0.3
@@ -33,6 +33,8 @@ class CompositeLaw:
     b: float = 0.5
     d: float = 0.5
     bounds: float | np.ndarray | None = None
+    direct: bool = True
+    indirect: bool = True
 
     def __post_init__(self) -> None:
         for name in ("gamma1", "gamma2", "d1"):
@@ -65,10 +67,11 @@ class CompositeLaw:
         dt: float,
     ) -> np.ndarray:
         """theta_U (j,) after dt [s]; psi (nv, j), e1, e2 (nv,), mixed over theta_U or over all."""
-        total = self.gamma1 + self.gamma2
-        direct = self.gamma1 * self.d1 * np.tanh(e1) + total * e2
-        theta = theta - dt * self.Gamma * (psi.T @ direct)
-        theta = self._towards(mixed, theta, dt)
+        if self.direct:
+            drive = self.gamma1 * self.d1 * np.tanh(e1) + (self.gamma1 + self.gamma2) * e2
+            theta = theta - dt * self.Gamma * (psi.T @ drive)
+        if self.indirect:
+            theta = self._towards(mixed, theta, dt)
         if self.bounds is not None:
             theta = np.clip(theta, self.bounds[..., 0], self.bounds[..., 1])  # type: ignore[index]
         return theta

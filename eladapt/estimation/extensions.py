@@ -102,6 +102,11 @@ class LeastSquares:
         triangle = accumulate(information.triangle, kept, self.alpha * dt, regression)
         return Information(triangle, kept * information.prior, 1.0)
 
+    def covariance(self, information: Information) -> np.ndarray:
+        """F = (z f0 I + R)^-1 (l, l)."""
+        size = len(information.triangle) - 1
+        return np.linalg.inv(information.prior * np.eye(size) + information.matrix)
+
     def forgetting(self, information: Information) -> float:
         """beta = beta_0 (1 - ||F|| / xi) [1/s], never negative."""
         smallest = np.linalg.svd(information.triangle[:-1, :-1], compute_uv=False)[-1]

@@ -60,9 +60,9 @@ class EulerForceBalance:
 
 
 class Extended(NamedTuple):
-    """Phi theta = vector, (488) or (832), and what the next Euler step needs."""
+    """``matrix @ theta = vector``, (488) or (832), and what the next Euler step needs."""
 
-    phi: np.ndarray  # (l, l)
+    matrix: np.ndarray  # Phi (l, l)
     vector: np.ndarray  # (l,)
     memory: tuple[np.ndarray, ...]
     regression: Regression
@@ -77,11 +77,10 @@ class EulerLeastSquares:
     xi: float = 10.0
     f0: float = 1.0
 
-    def init(self, regression: Regression) -> Extended:
+    def init(self, n_parameters: int) -> Extended:
         """F(0) = I/f0, rho(0) = 0, z(0) = 1."""
-        size = regression.omega.shape[1]
-        memory = (np.eye(size) / self.f0, np.zeros(size), np.array(1.0))
-        return Extended(np.zeros((size, size)), np.zeros(size), memory, regression)
+        memory = (np.eye(n_parameters) / self.f0, np.zeros(n_parameters), np.array(1.0))
+        return Extended(*_nothing(n_parameters), memory, _no_regression(n_parameters))
 
     def step(self, extended: Extended, regression: Regression, dt: float) -> Extended:
         """One Euler step with the regression at the last sample; keeps the new one for the next."""
@@ -97,6 +96,10 @@ class EulerLeastSquares:
         covariance, rho, z = memory
         return Extended(np.eye(len(rho)) - z * self.f0 * covariance, rho, memory, regression)
 
+    def covariance(self, extended: Extended) -> np.ndarray:
+        """F (l, l); P of (LSorginal)."""
+        return extended.memory[0]
+
 
 @dataclass(frozen=True)
 class EulerKreisselmeier:
@@ -105,22 +108,29 @@ class EulerKreisselmeier:
     forgetting: float = 1.0
     gain: float = 1.0
 
-    def init(self, regression: Regression) -> Extended:
+    def init(self, n_parameters: int) -> Extended:
         """Phi_1(0) = 0, Phi_2(0) = 0."""
-        size = regression.omega.shape[1]
-        return Extended(np.zeros((size, size)), np.zeros(size), (), regression)
+        return Extended(*_nothing(n_parameters), (), _no_regression(n_parameters))
 
     def step(self, extended: Extended, regression: Regression, dt: float) -> Extended:
         """One Euler step with the regression at the last sample; keeps the new one for the next."""
         y, omega = extended.regression
-        phi = extended.phi + dt * (-self.forgetting * extended.phi + self.gain * omega.T @ omega)
+        phi = extended.matrix + dt * (-self.forgetting * extended.matrix + self.gain * omega.T @ omega)
         vector = extended.vector + dt * (-self.forgetting * extended.vector + self.gain * omega.T @ y)
         return Extended(phi, vector, (), regression)
+
+
+def _nothing(size: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros((size, size)), np.zeros(size)
+
+
+def _no_regression(size: int) -> Regression:
+    return Regression(np.zeros(1), np.zeros((1, size)))
 
 
 def cramer(extended: Extended) -> MixedRegression:
     """Y = adj{Phi} vector by Cramer's rule, Delta = det{Phi}, over the whole theta."""
     size = len(extended.vector)
-    replaced = np.repeat(extended.phi[None], size, axis=0)
+    replaced = np.repeat(extended.matrix[None], size, axis=0)
     replaced[np.arange(size), :, np.arange(size)] = extended.vector
-    return MixedRegression(np.linalg.det(replaced), float(np.linalg.det(extended.phi)), np.eye(size))
+    return MixedRegression(np.linalg.det(replaced), float(np.linalg.det(extended.matrix)), np.eye(size))

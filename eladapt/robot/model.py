@@ -16,9 +16,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, UnknownNameError, UrdfError, require_vector
+from eladapt.errors import ArgumentError, UnknownNameError, UrdfError, require_number, require_vector
 from eladapt.robot import library
 from eladapt.robot.checks import check_mimics, check_model, check_urdf, read_urdf
+from eladapt.signals import Measurement
 
 UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
 
@@ -261,6 +262,13 @@ class Robot:
     def check_v(self, v: np.ndarray, name: str = "v") -> np.ndarray:
         """v as a finite (nv,) vector; raises ArgumentError."""
         return require_vector(name, v, self.nv)
+
+    def check_measurement(self, measurement: Measurement) -> None:
+        """Raises ArgumentError, naming the field, for wrong shapes and for what is not finite."""
+        require_number("measurement.t", measurement.t, -np.finfo(float).max)
+        self.check_q(measurement.q, "measurement.q")
+        self.check_v(measurement.v, "measurement.v")
+        self.check_v(measurement.tau, "measurement.tau")
 
     def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)

@@ -20,7 +20,7 @@ FORMAT = 1
 ARRAYS = (
     "t", "q", "v", "tau", "goal", "error", "theta", "delta", "zeta", "zeta_integral", "effort_limit",
 )  # fmt: skip
-OPTIONAL_ARRAYS = ("theta_true",)
+OPTIONAL_ARRAYS = ("theta_true", "level")
 
 
 class Metrics(NamedTuple):
@@ -56,6 +56,7 @@ class Record:
     joint_names: tuple[str, ...]
     theta_labels: tuple[str, ...]
     theta_true: np.ndarray | None  # (j,)
+    level: np.ndarray | None  # (N,) smallest eigenvalue of what the estimator accumulated, if it keeps one
     robot_source: dict[str, Any]
     title: str
     configuration: dict[str, Any]
@@ -152,6 +153,8 @@ class Recorder:
             "zeta": excitation.gates if excitation else np.zeros(0),
             "zeta_integral": excitation.integral if excitation else np.zeros(0),
         }  # fmt: skip
+        if hasattr(state, "level"):
+            sample["level"] = state.level
         for name, value in sample.items():
             if name not in self._columns:
                 self._columns[name] = np.empty((self.capacity, *np.shape(value)))
@@ -168,7 +171,7 @@ class Recorder:
             labels = regressors.labels[len(regressors) - size :]
             true = regressors.theta[len(regressors) - size :]
         return Record(
-            **columns, effort_limit=self.robot.effort_limit, dt=self.dt,
+            **{"level": None, **columns}, effort_limit=self.robot.effort_limit, dt=self.dt,
             joint_names=self.robot.joint_names, theta_labels=tuple(labels), theta_true=true,
             robot_source=self.robot.source, title=self.title or self.robot.name,
             configuration={"controller": describe(self.controller), "versions": versions()},

@@ -1,0 +1,57 @@
+"""What an engineer compares with: adaptive PD, PD with known gravity, and the indirect scheme."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from eladapt.control.composite import CompositeController
+from eladapt.control.finite_time import FiniteTimePD
+from eladapt.robot.model import Robot
+from eladapt.signals import Measurement
+
+
+def adaptive_pd(controller: CompositeController) -> CompositeController:
+    """Tomei's adaptive PD: the same controller and gains with a = b = 1, and the direct term alone."""
+    return dataclasses.replace(
+        controller,
+        control=dataclasses.replace(controller.control, linear=True),
+        law=dataclasses.replace(controller.law, b=1.0, indirect=False),
+    )
+
+
+def indirect(controller: CompositeController) -> CompositeController:
+    """The indirect scheme: the same controller, whose estimate follows the mixed regression alone."""
+    return dataclasses.replace(controller, law=dataclasses.replace(controller.law, direct=False))
+
+
+class KnownGravityState(NamedTuple):
+    """A PD law remembers nothing but what it saw."""
+
+    measurement: Measurement
+
+
+@dataclass(frozen=True, eq=False)
+class KnownGravityPD:
+    """tau = control law + g(q), with g from the URDF: what a perfect model gives."""
+
+    robot: Robot
+    control: FiniteTimePD
+
+    def init(self, measurement: Measurement, theta0: None = None) -> KnownGravityState:
+        """Nothing to estimate."""
+        return KnownGravityState(measurement)
+
+    def step(
+        self, state: KnownGravityState, measurement: Measurement, goal: np.ndarray, dt: float
+    ) -> tuple[KnownGravityState, np.ndarray]:
+        """The torque (nv,) to hold for dt [s], within the URDF's effort limits."""
+        self.robot.check_measurement(measurement)
+        _, q, v, _ = measurement
+        e1 = self.robot.difference(goal, q)
+        tau = self.control.torque(e1, v, self.robot.mass_matrix(q), dt) + self.robot.gravity(q)
+        limit = self.robot.effort_limit
+        return KnownGravityState(measurement), np.clip(tau, -limit, limit)

@@ -1,0 +1,132 @@
+"""Slotine and Li's composite adaptive controller with bounded-gain-forgetting least squares (C4).
+
+The classical composite scheme, for comparison: it needs the whole theta, a reference velocity and
+the regressor W_r of it, and converges asymptotically. The paper cites Slotine and Li (1989).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eladapt.control.composite import RegressionBlock
+from eladapt.control.gains import derive_sliding_gains
+from eladapt.errors import require_gain, require_number, require_vector
+from eladapt.estimation.excitation import IntervalExcitation
+from eladapt.estimation.extensions import Information, LeastSquares
+from eladapt.estimation.regressions import ForceBalance
+from eladapt.estimation.typeset import EulerLeastSquares
+from eladapt.robot.model import Robot
+from eladapt.robot.regressors import Regressors
+from eladapt.signals import Measurement, Regression
+
+
+class SlotineLiState(NamedTuple):
+    """Everything that the controller remembers."""
+
+    measurement: Measurement
+    theta: np.ndarray  # (l,) estimate of all parameters
+    theta_rate: np.ndarray  # (l,) right side of (LSSlotineLi) at this sample
+    filters: Any
+    regression: Regression
+    information: Any
+    excited: Information  # of (502)
+
+    @property
+    def level(self) -> float:
+        """Smallest eigenvalue of the integral of Omega'Omega so far (502)."""
+        return IntervalExcitation.level(self.excited)
+
+
+class Reference(NamedTuple):
+    """The sliding variable and the reference motion that it measures the distance from."""
+
+    s: np.ndarray  # (nv,)
+    vr: np.ndarray  # (nv,)
+    ar: np.ndarray  # (nv,)
+
+
+def linear_reference(e1: np.ndarray, e2: np.ndarray, K2: np.ndarray) -> Reference:
+    """s = e2 + K2 e1, vr = -K2 e1, ar = -K2 e2 (AsymptoticAC)."""
+    return Reference(e2 + K2 * e1, -K2 * e1, -K2 * e2)
+
+
+@dataclass(frozen=True, eq=False)
+class SlotineLi:
+    """tau = W_r theta - K1 s (AsymptoticAC), theta' = -P [W_r' s + w Omega' e_p] (LSSlotineLi).
+
+    P follows (LSorginal): ``extension`` is `EulerLeastSquares`, as typeset, or `LeastSquares`. weight:
+    w = 1 as typeset; the Lyapunov argument needs w >= alpha/2, for which w = alpha is the usual choice.
+    K1 [N m s/rad], K2 [1/s]: scalar or (nv,). theta is stepped by explicit Euler. track: keep the
+    integral of Omega'Omega, for `SlotineLiState.level`.
+
+    Raises ArgumentError for gains that are not positive.
+    """
+
+    regressors: Regressors
+    regression: RegressionBlock
+    extension: EulerLeastSquares | LeastSquares
+    K1: float | np.ndarray
+    K2: float | np.ndarray
+    weight: float = 1.0
+    effort_limit: float | np.ndarray = np.inf
+    track: bool = False
+
+    def __post_init__(self) -> None:
+        nv = self.regressors.robot.nv
+        object.__setattr__(self, "K1", require_gain("K1", self.K1, nv))
+        object.__setattr__(self, "K2", require_gain("K2", self.K2, nv))
+        object.__setattr__(self, "weight", require_number("weight (w)", self.weight, 0))
+
+    @classmethod
+    def for_robot(cls, robot: Robot, dt: float = 1e-3) -> SlotineLi:
+        """Gains from the URDF, for steps of dt [s], with w = alpha."""
+        gains = derive_sliding_gains(robot, dt)
+        regressors = Regressors(robot)
+        regression = ForceBalance(regressors, gains.pole, weight=gains.row_weight)
+        extension = LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0)
+        return cls(regressors, regression, extension, gains.K1, gains.K2, gains.alpha, robot.effort_limit)
+
+    @property
+    def robot(self) -> Robot:
+        return self.regressors.robot
+
+    def init(self, measurement: Measurement, theta0: np.ndarray | None = None) -> SlotineLiState:
+        """Filters at rest, theta = theta0 (l,), or zero."""
+        size = len(self.regressors)
+        theta = np.zeros(size) if theta0 is None else require_vector("theta0", theta0, size)
+        filters = self.regression.init(measurement)
+        regression = Regression(filters.y, filters.omega)
+        information = self.extension.init(size)
+        return SlotineLiState(
+            measurement, theta, np.zeros(size), filters, regression, information,
+            IntervalExcitation().init(size),
+        )  # fmt: skip
+
+    def step(
+        self, state: SlotineLiState, measurement: Measurement, goal: np.ndarray, dt: float
+    ) -> tuple[SlotineLiState, np.ndarray]:
+        """The state at ``measurement`` from the one dt [s] earlier, and the torque (nv,) there."""
+        self.robot.check_measurement(measurement)
+        if measurement.t > state.measurement.t:
+            theta = state.theta + dt * state.theta_rate
+            excited = state.excited
+            if self.track:
+                excited = IntervalExcitation().step(excited, state.regression, dt)
+            filters, regression = self.regression.step(state.filters, measurement, dt)
+            information = self.extension.step(state.information, regression, dt)
+            state = state._replace(
+                theta=theta, filters=filters, regression=regression, information=information,
+                excited=excited,
+            )  # fmt: skip
+        _, q, v, _ = measurement
+        s, vr, ar = linear_reference(self.robot.difference(goal, q), v, np.asarray(self.K2))
+        regressor = self.regressors.slotine_li(q, v, vr, ar)
+        y, omega = state.regression
+        covariance = self.extension.covariance(state.information)
+        prediction_error = omega @ state.theta - y
+        rate = -covariance @ (regressor.T @ s + self.weight * omega.T @ prediction_error)
+        tau = np.clip(regressor @ state.theta - self.K1 * s, -self.effort_limit, self.effort_limit)
+        return state._replace(measurement=measurement, theta_rate=rate), tau
