@@ -79,7 +79,7 @@ def derive_sliding_gains(robot: Robot, dt: float) -> SlidingGains:
     limit = effort(robot, largest)
     K1 = np.minimum(10.0, 0.1 / dt) * largest.inertia + 0.1 * largest.gravity
     return SlidingGains(
-        K1=K1, K2=np.full(robot.nv, 2.0), K_s=0.02 * limit, pole=20.0, row_weight=1 / limit,
+        K1=K1, K2=np.full(robot.nv, 2.0), K_s=0.005 * limit, pole=20.0, row_weight=1 / limit,
         alpha=10.0, beta=5.0, xi=1e4, f0=0.1,
     )  # fmt: skip
 

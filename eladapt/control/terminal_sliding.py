@@ -92,9 +92,11 @@ class TerminalSliding:
         """Gains from the URDF, for steps of dt [s]."""
         gains = derive_sliding_gains(robot, dt)
         regressors = Regressors(robot)
-        regression = ForceBalance(regressors, gains.pole, weight=gains.row_weight)
+        # The paper's slow gains adapt gravity too slowly where Phi_2 spans ten decades, as on a Panda; its
+        # floor lets the inertia columns of the direct term run away. These were measured on panda and ur5.
         return cls(
-            regressors, regression, Kreisselmeier(), gains.K1, gains.K2, gains.K_s,
+            regressors, ForceBalance(regressors, gains.pole), Kreisselmeier(), gains.K1, gains.K2, gains.K_s,
+            floor=1e-2, slow=AdaptationGain(1.0, 2.0), fast=AdaptationGain(1.0, 5.0),
             effort_limit=robot.effort_limit,
         )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import load
+from shared import load
 
 import eladapt as ea
 from eladapt.control.finite_time import semi_implicit_state

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from conftest import load, regressors
-from test_regressions import DT, closed_loop
+from shared import DT, closed_loop, load, regressors
 
 import eladapt as ea
 from eladapt.errors import ArgumentError

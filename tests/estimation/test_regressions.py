@@ -1,38 +1,11 @@
 """The filtered regressions hold along real motion, with the torque held over each step."""
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
-from conftest import load, regressors
+from shared import DT, Trajectory, closed_loop, regressors
 
 import eladapt as ea
 from eladapt.errors import ArgumentError
-
-DT = 1e-3
-STEPS = 600
-
-
-class Trajectory(NamedTuple):
-    reg: ea.Regressors
-    measurements: list[ea.Measurement]
-
-
-def closed_loop(name: str, v0: float, friction: bool = False) -> Trajectory:
-    """A regulation move of the composite controller at 1 kHz, from velocity v0 in every joint."""
-    robot = load(name)
-    rub = ea.Friction(viscous=robot.damping + 0.3) if friction else None
-    start = robot.configuration(robot.home)
-    plant = ea.PinocchioPlant(robot, start, np.full(robot.nv, v0), friction=rub)
-    controller = ea.CompositeController.for_robot(robot)
-    goal = robot.configuration(robot.target)
-    measurement = plant.reset()
-    state, measurements = controller.init(measurement), [measurement]
-    for _ in range(STEPS):
-        state, tau = controller.step(state, measurement, goal, DT)
-        measurement = plant.step(tau, DT)
-        measurements.append(measurement)
-    return Trajectory(regressors(name, "shared", friction), measurements)
 
 
 def residual(block, trajectory: Trajectory, theta: np.ndarray) -> float:

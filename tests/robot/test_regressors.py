@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from conftest import ROBOTS, load, regressors
+from shared import ROBOTS, load, regressors
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, RankWarning

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conftest import load
+from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, RecordError

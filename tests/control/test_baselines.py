@@ -1,0 +1,119 @@
+"""The controllers that the composite one is compared with."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from shared import load
+
+import eladapt as ea
+from eladapt.control.baselines import KnownGravityPD, adaptive_pd, indirect
+from eladapt.control.slotine_li import SlotineLi
+from eladapt.control.terminal_sliding import AdaptationGain, TerminalSliding
+from eladapt.errors import ArgumentError
+
+
+def move(controller, duration: float, dt: float = 1e-3) -> ea.Record:
+    robot = controller.robot
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    return ea.simulate(controller, plant, robot.configuration(robot.target), duration, dt, progress=False)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_slotine_li_regulates_larger_arms(name):
+    """From theta = 0: below 1e-3 rad, and still falling by decades, which is asymptotic."""
+    record = move(SlotineLi.for_robot(load(name)), 6.0)
+    assert record.settling_time(1e-3) < 5
+    errors = np.abs(record.error[[3000, 4000, 5000, 6000]]).max(axis=1)
+    assert np.all(np.diff(np.log10(errors)) < -0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_terminal_sliding_regulates_larger_arms(name):
+    """From theta = 0: within 0.01 rad, with the chatter that its discontinuities cost."""
+    record = move(TerminalSliding.for_robot(load(name)), 8.0)
+    assert record.settling_time(1e-2) < 7
+    assert record.metrics().chatter > 0.1
+
+
+def lyapunov_along(weight: float) -> np.ndarray:
+    """V = 1/2 s'M s + 1/2 theta~' P^-1 theta~ along C4, Case 1, finely integrated."""
+    controller = ea.paper.controller("C4", weight=weight)
+    robot, reg = controller.robot, controller.regressors
+    plant, goal, dt = ea.PinocchioPlant(robot, ea.paper.START), np.array(ea.paper.GOAL), 1e-4
+    measurement = plant.reset()
+    state, values = controller.init(measurement), []
+    for _ in range(10_000):
+        state, tau = controller.step(state, measurement, goal, dt)
+        _, q, v, _ = measurement
+        s = v + controller.K2 * (q - goal)
+        error = state.theta - reg.theta
+        precision = state.information.prior * np.eye(5) + state.information.matrix  # P^-1
+        values.append(0.5 * s @ robot.mass_matrix(q) @ s + 0.5 * error @ precision @ error)
+        measurement = plant.step(tau, dt)
+    return np.array(values)
+
+
+def test_c4_needs_the_weight_of_its_proof():
+    """V' = -s'K1 s - (w - alpha/2) |Omega theta~|^2 - ... : V falls with w = alpha, not with w = 1.
+
+    Explicit Euler of theta at 1e-4 s may lift V by a relative 1e-6 a step.
+    """
+    falling = lyapunov_along(weight=10.0)
+    assert np.all(np.diff(falling) <= 1e-6 * falling[:-1])
+    assert falling[-1] < 0.1 * falling[0]
+    typed = lyapunov_along(weight=1.0)
+    assert np.diff(typed).max() > 1e-4 * typed[0]
+
+
+def test_adaptive_pd_is_the_linear_direct_scheme():
+    """Tomei's scheme regulates asymptotically: it gets there, but has not arrived to rounding."""
+    controller = adaptive_pd(ea.CompositeController.for_robot(load("two_link")))
+    assert controller.control.a == controller.control.b == 1
+    record = move(controller, 8.0)
+    assert record.settling_time(2e-2) < 8
+    assert np.abs(record.error[-1]).max() > 1e-9
+
+
+def test_indirect_scheme_learns_by_the_mixed_regression_alone():
+    """Without excitation it learns nothing; with a move it arrives as the composite one does."""
+    controller = indirect(ea.CompositeController.for_robot(load("two_link")))
+    record = move(controller, 4.0)
+    assert record.settling_time(1e-3) < 4
+    assert record.parameter_settling() < 4
+    deaf = dataclasses.replace(controller, law=dataclasses.replace(controller.law, indirect=False))
+    assert np.all(move(deaf, 0.2).theta == 0)
+
+
+def test_known_gravity_needs_no_adaptation():
+    robot = load("ur5")
+    law = ea.CompositeController.for_robot(robot).control
+    record = move(KnownGravityPD(robot, law), 3.0)
+    assert record.settling_time(1e-3) < 2
+    assert record.theta.shape[1] == 0
+
+
+def test_terminal_reference_is_finite_at_the_goal():
+    """(stsmvar) is singular at e = 0; the floor makes it finite, and it changes nothing farther away."""
+    controller = ea.paper.controller("C3")
+    s, vr, ar = controller.terminal_reference(np.zeros(2), np.array([0.1, -0.2]))
+    assert np.isfinite([*s, *vr, *ar]).all()
+    e, v = np.array([0.5, -0.2]), np.array([0.1, 0.3])
+    np.testing.assert_allclose(
+        controller.terminal_reference(e, v).ar, -(1 / 3) * 1.5 * np.abs(e) ** (-2 / 3) * v, rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("C4", {"K1": -1}, "K1: expected positive"), ("C4", {"K2": [1, 2, 3]}, r"K2: .*shape \(2,\)"),
+        ("C4", {"weight": 0}, "weight"), ("C3", {"K_s": 0}, "K_s: expected positive"),
+        ("C3", {"a": 1.5}, "a: expected"), ("C3", {"floor": 0}, "floor"),
+        ("C3", {"slow": AdaptationGain(-1, 1)}, "slow.Gamma"),
+    ],
+)  # fmt: skip
+def test_gains_outside_their_range_are_refused(name, options, said):
+    with pytest.raises(ArgumentError, match=said):
+        dataclasses.replace(ea.paper.controller(name), **options)

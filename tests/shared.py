@@ -1,0 +1,49 @@
+"""What several tests look at: the robots, and one closed-loop move of each."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+import eladapt as ea
+
+# Every kind of joint and parameter: planar, 6 and 7 joints, continuous joints, rotors.
+ROBOTS = (
+    "two_link", "double_pendulum", "panda", "ur5", "ur10", "xarm7", "kinova", "z1", "talos_left_arm",
+)  # fmt: skip
+DT = 1e-3
+STEPS = 600
+
+
+@functools.cache
+def load(name: str) -> ea.Robot:
+    return ea.Robot.load(name)
+
+
+@functools.cache
+def regressors(name: str, sharing: str = "shared", friction: bool = False) -> ea.Regressors:
+    return ea.Regressors(load(name), sharing=sharing, friction=friction)
+
+
+class Trajectory(NamedTuple):
+    reg: ea.Regressors
+    measurements: list[ea.Measurement]
+
+
+def closed_loop(name: str, v0: float, friction: bool = False) -> Trajectory:
+    """A regulation move of the composite controller at 1 kHz, from velocity v0 in every joint."""
+    robot = load(name)
+    rub = ea.Friction(viscous=robot.damping + 0.3) if friction else None
+    start = robot.configuration(robot.home)
+    plant = ea.PinocchioPlant(robot, start, np.full(robot.nv, v0), friction=rub)
+    controller = ea.CompositeController.for_robot(robot)
+    goal = robot.configuration(robot.target)
+    measurement = plant.reset()
+    state, measurements = controller.init(measurement), [measurement]
+    for _ in range(STEPS):
+        state, tau = controller.step(state, measurement, goal, DT)
+        measurement = plant.step(tau, DT)
+        measurements.append(measurement)
+    return Trajectory(regressors(name, "shared", friction), measurements)
