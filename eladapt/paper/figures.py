@@ -15,7 +15,7 @@ from eladapt.simulation.record import Record
 STYLES = {
     "C1": {"linestyle": "-", "color": "#14213d", "linewidth": 1.4},
     "C2": {"linestyle": "-.", "color": "#e07a1f", "linewidth": 1.4},
-    "C3": {"linestyle": ":", "color": "#1d6f8a", "linewidth": 1.2},
+    "C3": {"linestyle": ":", "color": "#1d6f8a", "linewidth": 1.2, "zorder": 1.5},  # below: it chatters
     "C4": {"linestyle": "--", "color": "#c94f7c", "linewidth": 1.4},
 }
 PARAMETER_STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
@@ -33,6 +33,7 @@ def motion_figure(records: Mapping[str, Record]) -> Figure:
             for name, record in records.items():
                 axes.plot(record.t, getattr(record, field)[:, joint], label=name, **STYLES[name])
             _finish(axes, label % (joint + 1), next(letters))
+            axes.set_xlim(0, max(record.t[-1] for record in records.values()))
             if field == "tau":
                 shown = np.concatenate([r.tau[:, joint] for r in records.values()])
                 low, high = np.percentile(shown, PERCENTILES)

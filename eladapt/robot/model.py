@@ -160,13 +160,13 @@ class Robot:
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M(q) (nv, nv), armature included."""
-        upper = np.triu(pin.crba(self.model, self._data, self.check_q(q)))
+        upper = np.triu(_square(pin.crba(self.model, self._data, self.check_q(q)), self.nv))
         return upper + np.triu(upper, 1).T
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """C(q, v) (nv, nv) of the Christoffel symbols, so that dM/dt = C + C' (205)."""
         q, v = self.check_q(q), self.check_v(v)
-        return np.array(pin.computeCoriolisMatrix(self.model, self._data, q, v))
+        return _square(pin.computeCoriolisMatrix(self.model, self._data, q, v), self.nv)
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """g(q) = grad U(q) (nv,) (209)."""
@@ -295,6 +295,11 @@ def _read(path: Path) -> pin.Model:
         return pin.buildModelFromXML(ElementTree.tostring(read_urdf(path), "unicode"))
     except (RuntimeError, ValueError) as reason:
         raise UrdfError(path, [library.unreadable(reason)]) from reason
+
+
+def _square(matrix: np.ndarray, size: int) -> np.ndarray:
+    """A copy, square also for one joint, of which the bindings return a vector."""
+    return np.array(matrix).reshape(size, size)
 
 
 def _set_or_inf(limit: np.ndarray) -> np.ndarray:

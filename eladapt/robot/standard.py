@@ -59,18 +59,18 @@ class StandardRegressors:
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """(nv, s): the regressor of M a + C v + g."""
-        bodies = pin.computeJointTorqueRegressor(self.robot.model, self._data, q, v, a)
+        bodies = self._matrix(pin.computeJointTorqueRegressor(self.robot.model, self._data, q, v, a))
         return np.hstack([bodies, self._rotor_columns * a[:, None]])
 
     def kinetic_torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """(nv, s): the regressor of M a + C v."""
-        bodies = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v, a)
+        bodies = self._matrix(pin.computeJointTorqueRegressor(self._weightless, self._data, q, v, a))
         return np.hstack([bodies, self._rotor_columns * a[:, None]])
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """(nv, s): the regressor of g; the potential energy's gradient."""
         still = np.zeros(self.robot.nv)
-        bodies = pin.computeJointTorqueRegressor(self.robot.model, self._data, q, still, still)
+        bodies = self._matrix(pin.computeJointTorqueRegressor(self.robot.model, self._data, q, still, still))
         return np.hstack([bodies, 0 * self._rotor_columns])
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -87,7 +87,8 @@ class StandardRegressors:
         for joint in range(1, model.njoints):
             by_position, _ = pin.getJointVelocityDerivatives(model, data, joint, pin.LOCAL)
             momentum = pin.bodyRegressor(still, data.v[joint])
-            gradient[:, 10 * (joint - 1) : 10 * joint] = by_position.T @ momentum
+            by_joint = np.reshape(by_position, (6, model.nv)).T
+            gradient[:, 10 * (joint - 1) : 10 * joint] = by_joint @ momentum
         return gradient
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -99,3 +100,7 @@ class StandardRegressors:
         """(s,): the regressor of U."""
         bodies = pin.computePotentialEnergyRegressor(self.robot.model, self._data, q)
         return np.concatenate([bodies, np.zeros(len(self._rotors))])
+
+    def _matrix(self, rows: np.ndarray) -> np.ndarray:
+        """(nv, ...), also where Pinocchio's bindings return the only row as a vector."""
+        return rows.reshape(self.robot.nv, -1)

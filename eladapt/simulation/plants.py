@@ -124,7 +124,8 @@ class PinocchioPlant:
         bound = np.broadcast_to(self.friction.coulomb, (self.robot.nv,))
         lost = self.friction.viscous * self.v
         free = self.v + h * self._acceleration(model, self.q, self.v, tau - lost)
-        inverse = np.array(pin.computeMinverse(model, self._data, self.q))
+        size = self.robot.nv
+        inverse = np.array(pin.computeMinverse(model, self._data, self.q)).reshape(size, size)
         inverse = h * (np.triu(inverse) + np.triu(inverse, 1).T)
         force = np.zeros(self.robot.nv)
         velocity = free.copy()

@@ -1,0 +1,204 @@
+"""What a load weighs and where its centre of mass is, from the change of the gravity parameters.
+
+A point mass m at p in the joint frame of body j adds m [1, p] to that body's first four standard
+parameters, and theta_U is linear in them. With p = t + R c, from the tool frame's placement (R, t) on
+the body, the change of theta_U is
+
+    theta_U,after - theta_U,before = A x,    x = (m, m c),    A = scale P_U[:, body j] [1 0; t R],
+
+P_U being the rows of the base's projection that make theta_U. Gravity cannot tell a body's rotational
+inertia, so a load of any shape counts as the point mass at its centre of mass.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from eladapt.errors import ArgumentError, require_number, require_vector
+from eladapt.estimation.extensions import Information
+from eladapt.estimation.mixing import DUST
+from eladapt.robot.model import frame_index
+from eladapt.robot.regressors import Regressors
+
+NAMES = ("m", "m cx", "m cy", "m cz")
+ROUNDING = 1e-9  # relative to theta_U; a smaller change is no load
+
+
+class PayloadEstimate(NamedTuple):
+    """A load in the coordinates of ``frame``; a negative mass is a load that was released.
+
+    What the change of theta_U does not tell is nan with an infinite standard deviation, and
+    ``unidentified`` names it: the combinations of m [kg] and m c [kg m] that leave no trace, in the
+    posture and motion that were seen. Standard deviations are nan where no noise level is known.
+    """
+
+    mass: float  # [kg]
+    com: np.ndarray  # (3,) [m] centre of mass; nan without a mass
+    mass_std: float  # [kg]
+    com_std: np.ndarray  # (3,) [m] to first order in the errors
+    parameters: np.ndarray  # (4,) m, m c: the least change where they are not all identified
+    covariance: np.ndarray  # (4, 4) of parameters, within what is identified
+    misfit: float  # the weighted part of the change that no load in this frame explains, 0 to 1
+    unidentified: tuple[str, ...]  # empty when mass and centre of mass are both known
+    frame: str
+
+    def __str__(self) -> str:
+        com = ", ".join(f"{c:.4g} +- {s:.2g}" for c, s in zip(self.com, self.com_std, strict=True))
+        unknown = f"; not identified: {', '.join(self.unidentified)}" if self.unidentified else ""
+        return f"{self.mass:.4g} +- {self.mass_std:.2g} kg at ({com}) m in {self.frame}{unknown}"
+
+
+def estimate_payload(
+    regressors: Regressors,
+    theta_before: np.ndarray,
+    theta_after: np.ndarray,
+    information: Information | None = None,
+    information_before: Information | None = None,
+    *,
+    samples: float | None = None,
+    variance: float | None = None,
+    frame: str | None = None,
+) -> PayloadEstimate:
+    """Mass and centre of mass of a load, by weighted least squares on the change of theta_U.
+
+    theta_before, theta_after (n_potential,): theta_U without and with the load. frame: in which the
+    centre of mass is wanted, and on which body the load hangs; the robot's tool if None.
+
+    information: what was seen since the load came; its bottom block T_UU theta_U = t_U is the weight, so
+    that directions which were not excited do not count. It must have been started afresh when the load
+    came: old data contradict the new. information_before: the same of theta_before, whose errors count
+    too; a direction unknown before tells nothing after. None takes theta as exact; both None weighs
+    all parameters alike.
+
+    samples: how many independent equations ``information`` holds: rows * duration / spacing, the spacing
+    being 2/pole for what disturbs the torque (the filter keeps it correlated for so long), and dt for
+    noise of the measured velocity (which the filter leaves white). The residual r, the triangle's last
+    diagonal entry, then gives variance = r^2 / (samples - l); the covariance of theta_U is
+    variance (T_UU' T_UU)^-1, and the one before has the same noise. ``variance`` gives that number
+    directly; without information it is the variance of each entry of theta_after - theta_before. This
+    is the scatter by noise in y = Omega theta; a bias that noise in Omega makes is not in it.
+
+    Standard parameters that `zero_parameters` of the robot rules out are taken to be zero with the load
+    too: a load off a symmetric arm's centre line biases the rest.
+
+    Raises ArgumentError for wrong shapes or a load that no joint carries, UnknownNameError for the frame.
+    """
+    j = regressors.n_potential
+    before = require_vector("theta_before", theta_before, j)
+    after = require_vector("theta_after", theta_after, j)
+    name = regressors.robot.tool if frame is None else frame
+    effect = payload_regressor(regressors, name)
+    weight = _weight(regressors, information, information_before)
+    noise = _variance(regressors, information, samples, variance)
+
+    unit = np.linalg.norm(effect, axis=0)  # m and m c differ in unit: compare them by their effect
+    unit[unit <= DUST * unit.max(initial=0.0)] = unit.max(initial=0.0) or 1.0
+    left, singular, right = np.linalg.svd(weight @ effect / unit, full_matrices=False)
+    seen = singular > DUST * max(singular.max(initial=0.0), np.finfo(float).tiny)
+    change = weight @ (after - before)
+    along = (left.T @ change)[seen]
+    inverse = right[seen].T / singular[seen] / unit[:, None]  # (4, rank)
+    x = inverse @ along
+    covariance = noise * inverse @ inverse.T
+    null = np.linalg.svd(right[seen], full_matrices=True)[2][seen.sum() :] if seen.any() else np.eye(4)
+    known = np.linalg.norm(null, axis=0) <= DUST
+    size, unexplained = np.linalg.norm(change), np.linalg.norm(change - left[:, seen] @ along)
+    misfit = float(unexplained / size) if size > 0 else 0.0
+
+    mass, mass_std = (x[0], np.sqrt(covariance[0, 0])) if known[0] else (np.nan, np.inf)
+    com, com_std = np.full(3, np.nan), np.full(3, np.inf)
+    least = ROUNDING * max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
+    if known[0] and abs(mass) * unit[0] > least:
+        com[known[1:]] = x[1:][known[1:]] / mass
+        gradient = np.column_stack([-com, np.eye(3)]) / mass  # of c = (m c) / m
+        for i in np.flatnonzero(known[1:]):
+            com_std[i] = np.sqrt(gradient[i] @ covariance @ gradient[i])
+    return PayloadEstimate(
+        float(mass), com, float(mass_std), com_std, x, covariance, misfit, _describe(null / unit), name
+    )
+
+
+def payload_regressor(regressors: Regressors, frame: str) -> np.ndarray:
+    """A (n_potential, 4): what (m, m c) of a load in ``frame`` adds to theta_U."""
+    model = regressors.robot.model
+    place = model.frames[frame_index(model, frame)]
+    if place.parentJoint == 0:
+        raise ArgumentError(f"frame: {frame!r} stands on the base; a load there moves with no joint")
+    rows = regressors.basis.projection[regressors.n_inertial :]
+    scale = regressors.scale[len(regressors) - regressors.n_potential :]
+    start = 10 * (place.parentJoint - 1)
+    moved = np.eye(4)
+    moved[1:, 0], moved[1:, 1:] = place.placement.translation, place.placement.rotation
+    return scale[:, None] * rows[:, start : start + 4] @ moved
+
+
+def _weight(regressors: Regressors, after: Information | None, before: Information | None) -> np.ndarray:
+    """L with L'L = (S_after^-1 + S_before^-1)^-1, S = T_UU' T_UU, right for singular S too.
+
+    The unknown error of theta_before is eliminated by an orthogonal complement of [T_after; T_before],
+    so that nothing is squared or inverted.
+    """
+    j = regressors.n_potential
+    blocks = [
+        _block(name, information, len(regressors), j)
+        for name, information in (("information", after), ("information_before", before))
+        if information is not None
+    ]
+    if not blocks:
+        return np.eye(j)
+    if len(blocks) == 1:
+        return blocks[0]
+    left, singular, _ = np.linalg.svd(np.vstack(blocks))
+    rank = int(np.sum(singular > DUST * max(singular.max(initial=0.0), np.finfo(float).tiny)))
+    return left[:j, rank:].T @ blocks[0]
+
+
+def _block(name: str, information: Information, size: int, j: int) -> np.ndarray:
+    """T_UU (j, j)."""
+    triangle = np.asarray(information.triangle, dtype=float)
+    if triangle.shape != (size + 1, size + 1):
+        raise ArgumentError(
+            f"{name}: expected a triangle of shape ({size + 1}, {size + 1}), that of these regressors, "
+            f"got {triangle.shape}"
+        )
+    if not np.isfinite(triangle).all():
+        raise ArgumentError(f"{name}: expected a finite triangle")
+    return triangle[size - j : size, size - j : size]
+
+
+def _variance(
+    regressors: Regressors, information: Information | None, samples: float | None, variance: float | None
+) -> float:
+    if variance is not None:
+        if samples is not None:
+            raise ArgumentError("samples, variance: expected one of them, got both")
+        return require_number("variance", variance, 0, np.finfo(float).max, closed=True)
+    if samples is None:
+        return float("nan")
+    if information is None:
+        raise ArgumentError("samples: counts the equations in `information`, which was not given")
+    samples = require_number("samples", samples, len(regressors))
+    return float(information.triangle[-1, -1] ** 2 / (samples - len(regressors)))
+
+
+def _describe(null: np.ndarray) -> tuple[str, ...]:
+    """The directions (k, 4) of (m, m c) in words, in a basis that shares as few terms as possible."""
+    if not len(null):
+        return ()
+    triangle, pivots = scipy.linalg.qr(null, mode="r", pivoting=True)
+    k = len(null)
+    reduced = np.zeros_like(null)
+    reduced[:, pivots] = scipy.linalg.solve_triangular(triangle[:, :k], triangle)
+    return tuple(_combination(row) for row in reduced[np.argsort(pivots[:k])])
+
+
+def _combination(row: np.ndarray) -> str:
+    text = ""
+    for value, name in zip(row, NAMES, strict=True):
+        if abs(value) > DUST:
+            size = "" if abs(abs(value) - 1) < DUST else f"{abs(value):.3g} "
+            text += f"{' - ' if value < 0 else ' + '}{size}{name}"
+    return text.removeprefix(" + ").strip()

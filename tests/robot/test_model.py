@@ -1,0 +1,171 @@
+"""Robots from URDFs: names, limits, locked and continuous joints, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shared import ROBOTS, load
+
+import eladapt as ea
+from eladapt.errors import ArgumentError, UnknownNameError, UrdfError
+from eladapt.robot.library import entry
+
+LINK = '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'  # noqa: E501
+JOINT = (
+    '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><axis xyz="0 1 0"/>'
+    '<origin xyz="0.3 0 0"/><limit effort="{4}" velocity="0" lower="{5}" upper="{6}"/>{7}</joint>'
+)
+
+
+def urdf(tmp_path: Path, *joints: str) -> Path:
+    """A chain of links with the joints given, in order."""
+    links = "".join(LINK.format(f"link{k}") for k in range(len(joints) + 1))
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{links}{"".join(joints)}</robot>')
+    return path
+
+
+def joint(k: int, kind: str, effort: float = 0, lower: float = 0, upper: float = 0, more: str = "") -> str:
+    return JOINT.format(f"j{k}", kind, f"link{k}", f"link{k + 1}", effort, lower, upper, more)
+
+
+def test_all_joint_types_of_a_fixed_base_tree(tmp_path):
+    """Revolute, continuous and prismatic joints in one arm, with 0 and equal limits read as not set."""
+    arm = urdf(
+        tmp_path, joint(0, "revolute", 5, -1, 2), joint(1, "continuous"), joint(2, "prismatic", 7),
+        joint(3, "fixed"),
+    )  # fmt: skip
+    robot = ea.Robot.from_urdf(arm)
+    assert (robot.nq, robot.nv, robot.joint_names) == (4, 3, ("j0", "j1", "j2"))
+    np.testing.assert_array_equal(robot.effort_limit, [5, np.inf, 7])
+    np.testing.assert_array_equal(robot.velocity_limit, [np.inf] * 3)
+    np.testing.assert_array_equal(robot.lower, [-1, -np.inf, -np.inf])
+    np.testing.assert_array_equal(robot.upper, [2, np.inf, np.inf])
+    reg, rng = ea.Regressors(robot), np.random.default_rng(0)
+    q, (v, a) = robot.configuration([0.5, 4.0, 0.2]), rng.normal(size=(2, 3))
+    np.testing.assert_allclose(reg.torque(q, v, a) @ reg.theta, robot.inverse_dynamics(q, v, a), rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_configurations_add_up(name, rng):
+    """integrate undoes difference, also across the half turn of a continuous joint."""
+    robot = load(name)
+    for _ in range(20):
+        q0, q1 = robot.random_configuration(rng), robot.random_configuration(rng)
+        again = robot.integrate(q0, robot.difference(q0, q1))
+        np.testing.assert_allclose(again, q1, atol=1e-12)
+        np.testing.assert_allclose(robot.configuration(robot.coordinates(q0)), q0, atol=1e-12)
+
+
+def test_continuous_joints_go_the_short_way():
+    robot = load("kinova")
+    near, far = (robot.configuration([angle, 0, 0, 0, 0, 0]) for angle in (3.1, -3.1))
+    assert robot.difference(near, far)[0] == pytest.approx(2 * np.pi - 6.2)
+    with pytest.raises(ArgumentError, match=r"continuous joint .* expects \(cos, sin\)"):
+        robot.gravity(np.full(robot.nq, 0.5))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_forward_dynamics_inverts_inverse_dynamics(name, rng):
+    robot = load(name)
+    q, (v, a) = robot.random_configuration(rng), rng.normal(size=(2, robot.nv))
+    found = robot.forward_dynamics(q, v, robot.inverse_dynamics(q, v, a))
+    np.testing.assert_allclose(found, a, rtol=1e-8, atol=1e-8)
+    bias = robot.coriolis_matrix(q, v) @ v + robot.gravity(q)
+    expected = robot.mass_matrix(q) @ a + bias
+    np.testing.assert_allclose(robot.inverse_dynamics(q, v, a), expected, rtol=1e-10, atol=1e-10)
+
+
+def test_armature_is_part_of_the_dynamics(rng):
+    """The same arm with and without rotors differs by diag(armature) in M, and nowhere else."""
+    with_rotors = load("talos_left_arm")
+    source = entry("talos_left_arm")
+    without = ea.Robot.from_urdf(source.urdf, source.package_dirs, source.locked)
+    q = with_rotors.random_configuration(rng)
+    difference = with_rotors.mass_matrix(q) - without.mass_matrix(q)
+    np.testing.assert_allclose(difference, np.diag(with_rotors.armature), atol=1e-12)
+    assert np.all(with_rotors.armature > 0)
+    np.testing.assert_allclose(with_rotors.gravity(q), without.gravity(q), atol=1e-12)
+
+
+def test_locked_joints_by_name_and_pattern():
+    source = entry("panda")
+    robot = ea.Robot.from_urdf(source.urdf, source.package_dirs, ["panda_finger_*", "panda_joint7"])
+    assert robot.nv == 6
+    assert "panda_joint7" not in robot.joint_names
+    with pytest.raises(UnknownNameError, match=r"unknown joint 'elbow'; legal names: panda_joint1, "):
+        ea.Robot.from_urdf(source.urdf, source.package_dirs, ["elbow"])
+
+
+def test_coupled_joints_must_be_locked():
+    source = entry("panda")
+    with pytest.raises(UrdfError, match=r"panda_finger_joint2.*mimics.*locked="):
+        ea.Robot.from_urdf(source.urdf, source.package_dirs)
+
+
+def test_nothing_left_to_move_is_refused(tmp_path):
+    path = urdf(tmp_path, joint(0, "continuous"))
+    with pytest.raises(UrdfError, match=r"arm.urdf(.|\n)*0 movable joints"):
+        ea.Robot.from_urdf(path, locked=["j0"])
+
+
+def test_massless_and_absent_inertia_are_refused(tmp_path):
+    path = urdf(tmp_path, joint(0, "continuous"), joint(1, "continuous"))
+    text = path.read_text()
+    path.write_text(text.replace(LINK.format("link2"), '<link name="link2"/>'))
+    with pytest.raises(UrdfError, match=r"arm.urdf(.|\n)*link2"):
+        ea.Robot.from_urdf(path)
+
+
+def test_unknown_robots_and_frames_list_the_legal_names(tmp_path):
+    with pytest.raises(UnknownNameError, match=r"'pandaa'; legal names: .*panda"):
+        ea.Robot.load("pandaa")
+    with pytest.raises(UnknownNameError, match=r"'hand'; legal names: .*link1"):
+        ea.Robot.from_urdf(urdf(tmp_path, joint(0, "continuous")), tool="hand")
+    with pytest.raises(UnknownNameError, match="unknown joint 'j9'"):
+        ea.Robot.from_urdf(urdf(tmp_path, joint(0, "continuous")), armature={"j9": 1.0})
+
+
+def test_a_missing_file_says_so(tmp_path):
+    with pytest.raises(UrdfError, match="does not exist"):
+        ea.Robot.from_urdf(tmp_path / "no.urdf")
+
+
+def test_parameters_said_to_be_zero_must_be(tmp_path):
+    path = urdf(tmp_path, joint(0, "continuous"))
+    with pytest.raises(ArgumentError, match=r"m\(j0\) is 1 in the URDF, expected 0"):
+        ea.Regressors(ea.Robot.from_urdf(path, zero_parameters=["m(j0)"]))
+    with pytest.raises(UnknownNameError, match="'weight'; legal names"):
+        ea.Regressors(ea.Robot.from_urdf(path, zero_parameters=["weight"]))
+
+
+def test_a_robot_can_be_found_again_from_its_source(robot):
+    again = ea.Robot.from_source(robot.source)
+    assert again.model == robot.model
+    q = robot.configuration(robot.home)
+    np.testing.assert_array_equal(again.gravity(q), robot.gravity(q))
+
+
+def test_a_robot_without_gravity_torque_is_regulated():
+    """Both axes of asr_twodof are vertical: theta_U is empty, and everything still works."""
+    robot = load("asr_twodof")
+    reg = ea.Regressors(robot)
+    assert reg.n_potential == 0
+    assert reg.gravity(robot.configuration(robot.home)).shape == (2, 0)
+
+
+@pytest.mark.parametrize("kind", ["continuous", "revolute", "prismatic"])
+def test_one_joint_is_a_robot_too(tmp_path, kind, rng):
+    """Identities and regulation with matrices of one row, for each joint type."""
+    robot = ea.Robot.from_urdf(urdf(tmp_path, joint(0, kind)).rename(tmp_path / "one.urdf"))
+    for friction in (False, True):
+        reg = ea.Regressors(robot, friction=friction)
+        q, (v, a) = robot.configuration([0.7]), rng.normal(size=(2, 1))
+        np.testing.assert_allclose(reg.torque(q, v, a) @ reg.theta, robot.inverse_dynamics(q, v, a))
+        np.testing.assert_allclose(reg.momentum(q, v) @ reg.theta, robot.mass_matrix(q) @ v)
+        expected = robot.coriolis_matrix(q, v).T @ v
+        np.testing.assert_allclose(reg.kinetic_gradient(q, v) @ reg.theta, expected, atol=1e-14)
+    controller = ea.CompositeController.for_robot(robot)
+    plant = ea.PinocchioPlant(robot, robot.configuration([0.0]), friction=ea.Friction(coulomb=1e-6))
+    record = ea.simulate(controller, plant, robot.configuration([0.8]), 4.0, progress=False)
+    assert record.settling_time(1e-3) < 4
