@@ -7,13 +7,11 @@ fulfils. C3 and C4 do not depend on D_L and d, so they are run once for each arm
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from table import write
 from tqdm import tqdm
 
@@ -21,10 +19,11 @@ import eladapt as ea
 from eladapt.errors import SimulationError
 from eladapt.paper.claims import amplitude, last_second, parameter_settling
 
-ARMS = {  # centre of mass / length, inertia / (mass length^2)
-    "uniform rods": (0.5, 1 / 12), "mass at the end": (1.0, 0.0), "rods held at the end": (1.0, 1 / 12),
-}  # fmt: skip
-LENGTHS, MASSES = (0.3, 0.2), (2.0, 1.0)
+ARMS = {
+    "uniform rods": ea.paper.UNIFORM_RODS,
+    "points at the ends": ea.paper.POINTS_AT_THE_ENDS,
+    "rods held at the ends": ea.paper.Mass(1.0, 1 / 12),
+}
 POLES, DAMPINGS, EXPONENTS = (5.0, 10.0, 20.0), (0.2, 0.5, 1.0), (0.25, 0.5, 1.0)
 
 
@@ -46,22 +45,12 @@ class Outcome(NamedTuple):
     growth: float  # of the integral of zeta_1 in the last second [s]
 
 
-def arm(centre: float, gyration: float) -> ea.Robot:
-    """The two-link arm with other centres of mass and inertias about them."""
-    robot = ea.paper.robot()
-    model = robot.model.copy()
-    for joint, (length, mass) in enumerate(zip(LENGTHS, MASSES, strict=True), start=1):
-        inertia = mass * (gyration * length**2) + 1e-9
-        lever = np.array([0.0, 0.0, -centre * length])
-        model.inertias[joint] = pin.Inertia(mass, lever, np.diag([inertia, inertia, 1e-4]))
-    return dataclasses.replace(robot, model=model)
-
-
 def outcome(job: tuple[str, Point]) -> Outcome:
     name, point = job
-    options = {"pole": point.pole, "linear_damping": point.linear_damping, "d": point.d}
+    _, pole, linear_damping, d = point
+    robot = ea.paper.robot(ARMS[point.arm])
     try:
-        record = ea.paper.run(name, arm=arm(*ARMS[point.arm]), **options, progress=False)
+        record = ea.paper.run(name, pole=pole, linear_damping=linear_damping, d=d, arm=robot, progress=False)
     except SimulationError:
         return Outcome(np.inf, np.inf, (np.inf, np.inf), np.nan)
     growth = last_second(record.zeta_integral[:, 0]) if record.zeta_integral.size else np.nan

@@ -1,8 +1,15 @@
 """eladapt: composite adaptive finite-time control for any robot with a URDF."""
 
+from typing import Any
+
 from eladapt import paper
+from eladapt.control.bounds import model_bounds
+from eladapt.control.certificates import certify, settling_bounds
 from eladapt.control.composite import CompositeController, ControllerState
 from eladapt.control.finite_time import FiniteTimePD
+from eladapt.control.lyapunov import LyapunovFunctions
+from eladapt.control.slotine_li import SlotineLi
+from eladapt.control.terminal_sliding import TerminalSliding
 from eladapt.display.plots import plot
 from eladapt.display.viewer import view
 from eladapt.errors import EladaptError
@@ -10,6 +17,7 @@ from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.excitation import IntervalExcitation
 from eladapt.estimation.extensions import Information, Kreisselmeier, LeastSquares
 from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenvalue
+from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.robot.library import names as robots
 from eladapt.robot.model import Robot
@@ -35,21 +43,39 @@ __all__ = [
     "IntervalExcitation",
     "Kreisselmeier",
     "LeastSquares",
+    "LyapunovFunctions",
     "Measurement",
     "MixedRegression",
+    "MujocoPlant",
     "Noise",
     "ParameterBasis",
     "Payload",
+    "PayloadEstimate",
     "PinocchioPlant",
     "PowerBalance",
     "Record",
     "Regression",
     "Regressors",
     "Robot",
+    "SlotineLi",
     "SmallestEigenvalue",
+    "TerminalSliding",
+    "certify",
+    "estimate_payload",
+    "model_bounds",
     "paper",
     "plot",
     "robots",
+    "settling_bounds",
     "simulate",
     "view",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """MuJoCo is optional: `MujocoPlant` is imported when it is asked for."""
+    if name == "MujocoPlant":
+        from eladapt.simulation.mujoco_plant import MujocoPlant
+
+        return MujocoPlant
+    raise AttributeError(f"module 'eladapt' has no attribute {name!r}")

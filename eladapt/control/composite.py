@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from eladapt.control.finite_time import FiniteTimePD
-from eladapt.control.gains import derive_gains
+from eladapt.control.gains import Gains, derive_gains
 from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.excitation import Excitation, GateMonitor
@@ -58,7 +58,8 @@ class CompositeController:
     """(278) with (318): finite-time regulation that learns theta_U on the way.
 
     control.b and law.b must agree (c = b). effort_limit (nv,) [N m]: the torque is clipped to it;
-    the estimator sees the torque that was applied, so clipping corrupts nothing.
+    the estimator sees the torque that was applied, so clipping corrupts nothing. gains: which rule set
+    each gain, where `for_robot` did.
     """
 
     regressors: Regressors
@@ -68,6 +69,7 @@ class CompositeController:
     law: CompositeLaw
     control: FiniteTimePD
     effort_limit: float | np.ndarray = np.inf
+    gains: Gains | None = None
 
     def __post_init__(self) -> None:
         nv, j = self.regressors.robot.nv, self.regressors.n_potential
@@ -92,10 +94,15 @@ class CompositeController:
         object.__setattr__(self, "effort_limit", np.broadcast_to(limit, (nv,)))
 
     @classmethod
-    def for_robot(cls, robot: Robot, dt: float = 1e-3) -> CompositeController:
-        """Every gain derived from the URDF, for steps of dt [s]; see `eladapt.control.gains`."""
-        gains = derive_gains(robot, dt)
+    def for_robot(cls, robot: Robot, dt: float = 1e-3, **given: Any) -> CompositeController:
+        """Every gain derived from the URDF, for steps of dt [s]; those ``given`` by name are kept.
+
+        Names: P, D, D_L, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of
+        `eladapt.control.gains.Gains`. ``print(controller.gains)`` says which rule set each. Raises
+        ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
+        """
         regressors = Regressors(robot)
+        gains = derive_gains(regressors, dt, given)
         return cls(
             regressors=regressors,
             regression=ForceBalance(regressors, gains.pole, weight=gains.row_weight),
@@ -104,6 +111,7 @@ class CompositeController:
             law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon),
             control=FiniteTimePD(gains.P, gains.D, gains.D_L),
             effort_limit=robot.effort_limit,
+            gains=gains,
         )
 
     @property

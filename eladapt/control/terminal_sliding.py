@@ -49,6 +49,9 @@ class AdaptationGain(NamedTuple):
     k: float
 
 
+SLOW, FAST = AdaptationGain(0.001, 5000.0), AdaptationGain(1.0, 50.0)  # as given in the paper
+
+
 @dataclass(frozen=True, eq=False)
 class TerminalSliding:
     """tau = W_r theta - K1 s - K_s s/||s||, theta' = -Gamma W_r' s - Gamma k Phi_2' Theta/||Theta|| (63).
@@ -73,8 +76,8 @@ class TerminalSliding:
     K_s: float | np.ndarray
     a: float = 1 / 3
     floor: float = 1e-3
-    slow: AdaptationGain = AdaptationGain(0.001, 5000.0)
-    fast: AdaptationGain = AdaptationGain(1.0, 50.0)
+    slow: AdaptationGain = SLOW
+    fast: AdaptationGain = FAST
     effort_limit: float | np.ndarray = np.inf
 
     def __post_init__(self) -> None:

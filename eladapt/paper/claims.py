@@ -33,10 +33,18 @@ def claims(runs: Runs) -> list[Claim]:
     return [*_motion(runs), *_excitation(runs), *_disturbed(runs)]
 
 
-def table(rows: list[Claim]) -> str:
-    """Markdown: claim of the paper | figure obtained | holds."""
-    lines = ["| claim of the paper | figure obtained | holds |", "|---|---|---|"]
-    return "\n".join(lines + [f"| {c.text} | {c.figure} | {'yes' if c.holds else '**no**'} |" for c in rows])
+def table(columns: Mapping[str, list[Claim]]) -> str:
+    """Markdown: claim of the paper | figure obtained | holds, the latter two for each column's arm."""
+    head = ["claim of the paper"]
+    for name in columns:
+        head += [f"figure, {name}" if name else "figure obtained", "holds"]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for same in zip(*columns.values(), strict=True):
+        cells = [same[0].text]
+        for claim in same:
+            cells += [claim.figure, "yes" if claim.holds else "**no**"]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def _motion(runs: Runs) -> list[Claim]:

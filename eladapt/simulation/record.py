@@ -164,6 +164,7 @@ class Recorder:
     def record(self) -> Record:
         """All that was added so far."""
         columns = {name: column[: self.count].copy() for name, column in self._columns.items()}
+        level = columns.pop("level", None)
         regressors = getattr(self.controller, "regressors", None)
         labels, true = (), None
         if regressors is not None:
@@ -171,7 +172,7 @@ class Recorder:
             labels = regressors.labels[len(regressors) - size :]
             true = regressors.theta[len(regressors) - size :]
         return Record(
-            **{"level": None, **columns}, effort_limit=self.robot.effort_limit, dt=self.dt,
+            **columns, level=level, effort_limit=self.robot.effort_limit, dt=self.dt,
             joint_names=self.robot.joint_names, theta_labels=tuple(labels), theta_true=true,
             robot_source=self.robot.source, title=self.title or self.robot.name,
             configuration={"controller": describe(self.controller), "versions": versions()},

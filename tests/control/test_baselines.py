@@ -11,6 +11,7 @@ from eladapt.control.baselines import KnownGravityPD, adaptive_pd, indirect
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import AdaptationGain, TerminalSliding
 from eladapt.errors import ArgumentError
+from eladapt.paper.proofs import slotine_li_lyapunov
 
 
 def move(controller, duration: float, dt: float = 1e-3) -> ea.Record:
@@ -37,33 +38,15 @@ def test_terminal_sliding_regulates_larger_arms(name):
     assert record.metrics().chatter > 0.1
 
 
-def lyapunov_along(weight: float) -> np.ndarray:
-    """V = 1/2 s'M s + 1/2 theta~' P^-1 theta~ along C4, Case 1, finely integrated."""
-    controller = ea.paper.controller("C4", weight=weight)
-    robot, reg = controller.robot, controller.regressors
-    plant, goal, dt = ea.PinocchioPlant(robot, ea.paper.START), np.array(ea.paper.GOAL), 1e-4
-    measurement = plant.reset()
-    state, values = controller.init(measurement), []
-    for _ in range(10_000):
-        state, tau = controller.step(state, measurement, goal, dt)
-        _, q, v, _ = measurement
-        s = v + controller.K2 * (q - goal)
-        error = state.theta - reg.theta
-        precision = state.information.prior * np.eye(5) + state.information.matrix  # P^-1
-        values.append(0.5 * s @ robot.mass_matrix(q) @ s + 0.5 * error @ precision @ error)
-        measurement = plant.step(tau, dt)
-    return np.array(values)
-
-
 def test_c4_needs_the_weight_of_its_proof():
     """V' = -s'K1 s - (w - alpha/2) |Omega theta~|^2 - ... : V falls with w = alpha, not with w = 1.
 
     Explicit Euler of theta at 1e-4 s may lift V by a relative 1e-6 a step.
     """
-    falling = lyapunov_along(weight=10.0)
+    falling = slotine_li_lyapunov(weight=10.0)
     assert np.all(np.diff(falling) <= 1e-6 * falling[:-1])
     assert falling[-1] < 0.1 * falling[0]
-    typed = lyapunov_along(weight=1.0)
+    typed = slotine_li_lyapunov(weight=1.0)
     assert np.diff(typed).max() > 1e-4 * typed[0]
 
 
