@@ -209,7 +209,8 @@ def derive_sliding_gains(robot: Robot, dt: float) -> SlidingGains:
 def _adaptation_gain(regressors: Regressors, dt: float) -> tuple[float, str, str]:
     """Gamma, its rule and what was active."""
     mode = adaptation_mode(regressors, GAMMA)
-    largest = GAMMA * min(1.0, (RESOLVED / max(mode.frequency * dt, 1e-300)) ** 2)
+    turned = mode.frequency * dt
+    largest = GAMMA if turned <= RESOLVED else GAMMA * (RESOLVED / turned) ** 2
     if largest < GAMMA_LEAST:
         slowest = mode.frequency * np.sqrt(GAMMA_LEAST / GAMMA)
         _require_resolved(Mode(slowest, mode.joint), dt, "adaptation swings")

@@ -56,10 +56,10 @@ class Record:
     joint_names: tuple[str, ...]
     theta_labels: tuple[str, ...]
     theta_true: np.ndarray | None  # (j,)
-    level: np.ndarray | None  # (N,) smallest eigenvalue of what the estimator accumulated, if it keeps one
     robot_source: dict[str, Any]
     title: str
     configuration: dict[str, Any]
+    level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated, if kept
 
     def __len__(self) -> int:
         return len(self.t)
