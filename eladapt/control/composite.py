@@ -12,9 +12,11 @@ from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains
 from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
+from eladapt.estimation.change import Change, ChangeDetector
 from eladapt.estimation.excitation import Excitation, GateMonitor
 from eladapt.estimation.extensions import LeastSquares
 from eladapt.estimation.mixing import Directional
+from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.robot.model import Robot
 from eladapt.robot.regressors import Regressors
@@ -51,6 +53,7 @@ class ControllerState(NamedTuple):
     information: Any  # of the extension block
     mixed: MixedRegression
     excitation: Excitation
+    change: Change | None = None  # what the detector noticed
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,9 @@ class CompositeController:
     """(278) with (318): finite-time regulation that learns theta_U on the way.
 
     control.b and law.b must agree (c = b). effort_limit (nv,) [N m]: the torque is clipped to it;
-    the estimator sees the torque that was applied, so clipping corrupts nothing. gains: which rule set
+    the estimator sees the torque that was applied, so clipping corrupts nothing, and the direct term
+    rests in the joints whose torque is clipped. detector: notices a load that comes or goes; filters and
+    information then start afresh, and the estimate goes on from where it was. gains: which rule set
     each gain, where `for_robot` did.
     """
 
@@ -69,6 +74,7 @@ class CompositeController:
     law: CompositeLaw
     control: FiniteTimePD
     effort_limit: float | np.ndarray = np.inf
+    detector: ChangeDetector | None = None
     gains: Gains | None = None
 
     def __post_init__(self) -> None:
@@ -111,6 +117,7 @@ class CompositeController:
             law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon),
             control=FiniteTimePD(gains.P, gains.D, gains.D_L),
             effort_limit=robot.effort_limit,
+            detector=ChangeDetector(),
             gains=gains,
         )
 
@@ -130,7 +137,8 @@ class CompositeController:
         mixed = self.mixing.mix(information, j)
         empty = Regression(filters.y, filters.omega)
         excitation = GateMonitor().init(np.size(mixed.delta))
-        return ControllerState(measurement, theta, filters, empty, information, mixed, excitation)
+        change = self.detector.init(information, j) if self.detector else None
+        return ControllerState(measurement, theta, filters, empty, information, mixed, excitation, change)
 
     def step(
         self, state: ControllerState, measurement: Measurement, goal: np.ndarray, dt: float
@@ -157,12 +165,40 @@ class CompositeController:
         tau = np.clip(feedback + psi @ state.theta, -self.effort_limit, self.effort_limit)
         return state, tau
 
+    def payload(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
+        """The load that came or went with the last change noticed, in ``frame`` (the tool if None).
+
+        Standard deviations are those of noise in the measured velocity, which the filters leave white.
+        Raises ArgumentError when the controller has noticed no change.
+        """
+        change = state.change
+        if change is None or change.noticed == 0:
+            raise ArgumentError(
+                "state: expected one in which a change was noticed; state.change says none was"
+            )
+        rows = state.filters.y.size * max(1, change.steps)
+        return estimate_payload(
+            self.regressors, change.theta_before, state.theta, state.information,
+            change.information_before, samples=rows if rows > len(self.regressors) else None, frame=frame,
+        )  # fmt: skip
+
     def _advance(
         self, state: ControllerState, measurement: Measurement, psi: np.ndarray, e1: np.ndarray, dt: float
     ) -> ControllerState:
         filters, regression = self.regression.step(state.filters, measurement, dt)
         information = self.extension.step(state.information, regression, dt)
+        change = state.change
+        if self.detector and change:
+            t, before = measurement.t, state.information
+            change = self.detector.step(change, before, information, state.theta, t, dt)
+            if change.noticed > state.change.noticed:  # type: ignore[union-attr]
+                filters = self.regression.init(measurement)
+                regression = Regression(filters.y, filters.omega)
+                information = self.extension.init(len(self.regressors))
         mixed = self.mixing.mix(information, self.regressors.n_potential)
-        theta = self.law.step(state.theta, psi, e1, measurement.v, mixed, dt)
+        free = np.abs(measurement.tau) < self.effort_limit
+        theta = self.law.step(state.theta, psi, free * e1, free * measurement.v, mixed, dt)
         excitation = GateMonitor(self.law.b, self.law.d).step(state.excitation, mixed, dt)
-        return ControllerState(measurement, theta, filters, regression, information, mixed, excitation)
+        return ControllerState(
+            measurement, theta, filters, regression, information, mixed, excitation, change
+        )

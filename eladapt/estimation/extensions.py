@@ -29,6 +29,7 @@ class Information(NamedTuple):
     triangle: np.ndarray  # (l + 1, l + 1) upper triangular, [T t; 0 residual]
     prior: float  # z f0 with least squares, 1 with Kreisselmeier
     saturation: float  # 1 with least squares, 0 with Kreisselmeier
+    innovation: float = 0.0  # size of what the last rows say that no theta fitting the old ones can
 
     @property
     def matrix(self) -> np.ndarray:
@@ -67,7 +68,9 @@ class Kreisselmeier:
         """Forget over dt [s] and add the regression held over it."""
         kept = np.exp(-self.forgetting * dt)
         weight = self.gain * (1 - kept) / self.forgetting
-        return information._replace(triangle=accumulate(information.triangle, kept, weight, regression))
+        triangle = accumulate(information.triangle, kept, weight, regression)
+        innovation = _innovation(information.triangle, triangle, kept, weight)
+        return information._replace(triangle=triangle, innovation=innovation)
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,8 @@ class LeastSquares:
         if kept <= 0:
             raise ArgumentError(f"dt: expected dt < 1/beta = {1 / self.beta:g} s, got {dt:g} s")
         triangle = accumulate(information.triangle, kept, self.alpha * dt, regression)
-        return Information(triangle, kept * information.prior, 1.0)
+        innovation = _innovation(information.triangle, triangle, kept, self.alpha * dt)
+        return Information(triangle, kept * information.prior, 1.0, innovation)
 
     def covariance(self, information: Information) -> np.ndarray:
         """F = (z f0 I + R)^-1 (l, l)."""
@@ -122,3 +126,8 @@ def accumulate(triangle: np.ndarray, kept: float, weight: float, regression: Reg
     if info:
         raise ArgumentError(f"regression: LAPACK dtpqrt refused argument {-info}; shapes {rows.shape}")
     return np.triu(updated)
+
+
+def _innovation(before: np.ndarray, after: np.ndarray, kept: float, weight: float) -> float:
+    """Root of what the squared residual, the last entry of the triangle, grew by for each unit of weight."""
+    return float(np.sqrt(max(0.0, after[-1, -1] ** 2 - kept * before[-1, -1] ** 2) / weight))

@@ -41,17 +41,26 @@ class ForceBalance:
     (default: noise is not amplified), by 1e-9 with the Hermite interpolant's velocity, which divides
     a position difference by dt and wants positions without noise.
 
-    pole [1/s]; weight: scalar or (nv,), multiplies each row of y and Omega.
+    In stiction Coulomb friction is not sign(v): with Coulomb columns, row i is zero and its filter starts
+    afresh over every step in which |v_i| falls below ``stiction_speed`` or v_i changes sign. A filter that
+    starts afresh is exact from its first step, so nothing of the stiction is remembered and no data of
+    the sliding are lost. Each row holds for itself: a stuck joint costs the others nothing.
+
+    pole [1/s]; weight: scalar or (nv,), multiplies each row of y and Omega. stiction_speed [rad/s]: five
+    times the velocity noise or more; where there are no Coulomb columns it is not used.
     """
 
     regressors: Regressors
     pole: float = 20.0
     weight: float | np.ndarray = 1.0
     quadrature: Quadrature = "simpson"
+    stiction_speed: float = 0.01
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pole", require_number("pole", self.pole, 0))
         object.__setattr__(self, "weight", require_gain("weight", self.weight, self.regressors.robot.nv))
+        speed = require_number("stiction_speed", self.stiction_speed, 0, np.finfo(float).max, closed=True)
+        object.__setattr__(self, "stiction_speed", speed)
         if self.quadrature not in ("trapezoid", "simpson", "hermite"):
             raise ArgumentError(
                 f"quadrature: expected 'trapezoid', 'simpson' or 'hermite', got {self.quadrature!r}"
@@ -73,6 +82,9 @@ class ForceBalance:
         weight = gain * np.asarray(self.weight)
         omega = rho * state.omega + weight[:, None] * impulse
         y = rho * state.y + weight * dt * measurement.tau
+        if self.regressors.coulomb:
+            sliding = self._sliding(state.v, v)
+            y, omega = np.where(sliding, y, 0.0), np.where(sliding[:, None], omega, 0.0)
         return FilterState(q, v, momentum, force, y, omega), Regression(y, omega)
 
     def _mean_force(
@@ -87,6 +99,10 @@ class ForceBalance:
         velocity = mean if self.quadrature == "simpson" else 1.5 * moved / dt - 0.5 * mean
         return (state.rate + 4 * self._force(middle, velocity) + force) / 6
 
+    def _sliding(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """(nv,) which joints slid one way all along a step."""
+        return np.where(before > 0, np.minimum(before, after), -np.maximum(before, after)) > self.stiction_speed
+
     def _force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the torque does besides changing the momentum (nv, l)."""
         reg = self.regressors
@@ -99,7 +115,8 @@ class PowerBalance:
     """y = filtered v'tau, one equation for the whole robot (372), (361).
 
     Energy gained plus energy lost to friction equals the work of the held torque, tau'(q+ - q):
-    exact without friction. ``weight`` is a positive scalar. One equation excites few directions
+    exact without friction. In stiction nothing moves and nothing is lost, so Coulomb columns |v_i| need no
+    gate. ``weight`` is a positive scalar. One equation excites few directions
     of a large arm: 32 of 43 on a Panda's regulation move.
     """
 

@@ -60,6 +60,7 @@ class Record:
     title: str
     configuration: dict[str, Any]
     level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated, if kept
+    final_state: Any = dataclasses.field(default=None, repr=False)  # the controller's last; not saved
 
     def __len__(self) -> int:
         return len(self.t)
@@ -102,7 +103,7 @@ class Record:
         rest = {
             field.name: getattr(self, field.name)
             for field in dataclasses.fields(self)
-            if field.name not in (*ARRAYS, *OPTIONAL_ARRAYS)
+            if field.name not in (*ARRAYS, *OPTIONAL_ARRAYS, "final_state")
         }
         header = json.dumps({"format": FORMAT, **rest})
         with atomic_write(path) as temporary, temporary.open("wb") as file:
@@ -138,6 +139,7 @@ class Recorder:
         self.robot, self.controller, self.dt, self.title = robot, controller, dt, title
         self.count, self.capacity = 0, capacity
         self._columns: dict[str, np.ndarray] = {}
+        self._state: Any = None
 
     def add(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: np.ndarray, state: Any
@@ -155,6 +157,7 @@ class Recorder:
         }  # fmt: skip
         if hasattr(state, "level"):
             sample["level"] = state.level
+        self._state = state
         for name, value in sample.items():
             if name not in self._columns:
                 self._columns[name] = np.empty((self.capacity, *np.shape(value)))
@@ -172,7 +175,7 @@ class Recorder:
             labels = regressors.labels[len(regressors) - size :]
             true = regressors.theta[len(regressors) - size :]
         return Record(
-            **columns, level=level, effort_limit=self.robot.effort_limit, dt=self.dt,
+            **columns, level=level, final_state=self._state, effort_limit=self.robot.effort_limit, dt=self.dt,
             joint_names=self.robot.joint_names, theta_labels=tuple(labels), theta_true=true,
             robot_source=self.robot.source, title=self.title or self.robot.name,
             configuration={"controller": describe(self.controller), "versions": versions()},
