@@ -11,8 +11,16 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 LEAVES = {
     "panda": ("panda.png", "panda.html", "panda.npz"),
     "two_link": ("two_link.png", "two_link.html", "two_link_C1.npz", "two_link_C2.npz"),
+    "ur5_waypoints": ("ur5_waypoints.png", "ur5_waypoints.html", "ur5_waypoints.npz"),
+    "kinova_continuous": ("kinova_continuous.png", "kinova_continuous.html", "kinova_continuous.npz"),
+    "talos_armature": ("talos_armature.png", "talos_armature.html", "talos_armature.npz"),
+    "own_urdf": ("own_two_link.png", "own_two_link.html", "own_two_link.npz"),
+    "own_law": ("own_law.png", "own_law.html", "own_law.npz"),
     "paper": ("paper.md", *(f"paper_case{c}_{k}.png" for c in (1, 2) for k in ("motion", "estimation"))),
 }
+
+TWO_LINK = str(EXAMPLES.parent / "robots" / "two_link.urdf")
+ARGUMENTS = {"own_urdf": (TWO_LINK,)}
 
 
 def run(name: str, *arguments: str) -> subprocess.CompletedProcess:
@@ -24,7 +32,7 @@ def run(name: str, *arguments: str) -> subprocess.CompletedProcess:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LEAVES)
 def test_example_leaves_its_files(name, tmp_path):
-    done = run(name, "--out", str(tmp_path))
+    done = run(name, *ARGUMENTS.get(name, ()), "--out", str(tmp_path))
     assert done.returncode == 0, done.stderr
     for file in LEAVES[name]:
         assert (tmp_path / file).stat().st_size > 1000 or file.endswith(".md")
@@ -37,3 +45,20 @@ def test_every_example_is_tested_and_helps():
         done = run(name, "--help")
         assert done.returncode == 0
         assert "usage:" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("no_such_arm.urdf",), "does not exist"),
+        ((TWO_LINK, "--lock", "wrist"), "unknown joint 'wrist'; legal names: shoulder, elbow"),
+        ((TWO_LINK, "--goal", "45", "-30"), "outside the limits of shoulder, elbow"),
+        ((TWO_LINK, "--goal", "1"), "--goal: expected shape (2,), got (1,)"),
+    ],
+)
+def test_own_urdf_says_what_is_wrong_without_a_traceback(arguments, said, tmp_path):
+    done = run("own_urdf", *arguments, "--out", str(tmp_path))
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: ")
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from eladapt.control.finite_time import FiniteTimePD
-from eladapt.control.gains import Gains, derive_gains
+from eladapt.control.gains import Gains, derive_gains, effort, extremes
 from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import Change, ChangeDetector
 from eladapt.estimation.excitation import Excitation, GateMonitor
 from eladapt.estimation.extensions import LeastSquares
+from eladapt.estimation.friction import (
+    CompensationState,
+    FrictionCompensation,
+    FrictionEstimate,
+    estimate_friction,
+)
 from eladapt.estimation.mixing import Directional
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance
@@ -54,6 +60,7 @@ class ControllerState(NamedTuple):
     mixed: MixedRegression
     excitation: Excitation
     change: Change | None = None  # what the detector noticed
+    compensation: CompensationState | None = None  # what is fed forward against friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +71,8 @@ class CompositeController:
     the estimator sees the torque that was applied, so clipping corrupts nothing, and the direct term
     rests in the joints whose torque is clipped. detector: notices a load that comes or goes; filters and
     information then start afresh, and the estimate goes on from where it was. gains: which rule set
-    each gain, where `for_robot` did.
+    each gain, where `for_robot` did. compensation: feeds friction forward, at the velocity w that the
+    law is about to make, M (w - v) = H tau.
     """
 
     regressors: Regressors
@@ -76,6 +84,7 @@ class CompositeController:
     effort_limit: float | np.ndarray = np.inf
     detector: ChangeDetector | None = None
     gains: Gains | None = None
+    compensation: FrictionCompensation | None = None
 
     def __post_init__(self) -> None:
         nv, j = self.regressors.robot.nv, self.regressors.n_potential
@@ -100,15 +109,30 @@ class CompositeController:
         object.__setattr__(self, "effort_limit", np.broadcast_to(limit, (nv,)))
 
     @classmethod
-    def for_robot(cls, robot: Robot, dt: float = 1e-3, **given: Any) -> CompositeController:
+    def for_robot(
+        cls,
+        robot: Robot,
+        dt: float = 1e-3,
+        *,
+        friction: bool | Literal["viscous", "coulomb"] = False,
+        friction_feedforward: bool = True,
+        **given: Any,
+    ) -> CompositeController:
         """Every gain derived from the URDF, for steps of dt [s]; those ``given`` by name are kept.
 
         Names: P, D, D_L, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of
         `eladapt.control.gains.Gains`. ``print(controller.gains)`` says which rule set each. Raises
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
+
+        friction: False, "viscous", "coulomb" or True (both): which friction is estimated beside gravity, see
+        `friction`; friction_feedforward: whether what is found is fed forward.
         """
-        regressors = Regressors(robot)
+        regressors = Regressors(robot, friction=friction)
         gains = derive_gains(regressors, dt, given)
+        compensation = None
+        if friction and friction_feedforward:
+            limit = 0.5 * effort(robot, extremes(robot))
+            compensation = FrictionCompensation(regressors, limit)
         return cls(
             regressors=regressors,
             regression=ForceBalance(regressors, gains.pole, weight=gains.row_weight),
@@ -119,6 +143,7 @@ class CompositeController:
             effort_limit=robot.effort_limit,
             detector=ChangeDetector(),
             gains=gains,
+            compensation=compensation,
         )
 
     @property
@@ -138,7 +163,10 @@ class CompositeController:
         empty = Regression(filters.y, filters.omega)
         excitation = GateMonitor().init(np.size(mixed.delta))
         change = self.detector.init(information, j) if self.detector else None
-        return ControllerState(measurement, theta, filters, empty, information, mixed, excitation, change)
+        compensation = self.compensation.init() if self.compensation else None
+        return ControllerState(
+            measurement, theta, filters, empty, information, mixed, excitation, change, compensation
+        )
 
     def step(
         self, state: ControllerState, measurement: Measurement, goal: np.ndarray, dt: float
@@ -162,8 +190,23 @@ class CompositeController:
             )
         mass_matrix = self.robot.mass_matrix(measurement.q)
         feedback = self.control.torque(e1, measurement.v, mass_matrix, dt)
+        if self.compensation and state.compensation:
+            horizon = max(dt, self.control.horizon or dt)
+            predicted = measurement.v + horizon * np.linalg.solve(mass_matrix, feedback)
+            feedback = feedback + self.compensation.torque(state.compensation, e1, predicted)
         tau = np.clip(feedback + psi @ state.theta, -self.effort_limit, self.effort_limit)
         return state, tau
+
+    def friction(self, state: ControllerState) -> FrictionEstimate:
+        """Friction of every joint by least squares, nan where it was not excited.
+
+        Raises ArgumentError when the controller has no friction columns.
+        """
+        if not self.regressors.n_friction:
+            raise ArgumentError(
+                "friction: this controller has no friction columns; for_robot(robot, friction=True) makes one"
+            )
+        return estimate_friction(self.regressors, state.information)
 
     def payload(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
         """The load that came or went with the last change noticed, in ``frame`` (the tool if None).
@@ -199,6 +242,9 @@ class CompositeController:
         free = np.abs(measurement.tau) < self.effort_limit
         theta = self.law.step(state.theta, psi, free * e1, free * measurement.v, mixed, dt)
         excitation = GateMonitor(self.law.b, self.law.d).step(state.excitation, mixed, dt)
+        compensation = state.compensation
+        if self.compensation and compensation:
+            compensation = self.compensation.step(compensation, information, e1, measurement.v, dt)
         return ControllerState(
-            measurement, theta, filters, regression, information, mixed, excitation, change
+            measurement, theta, filters, regression, information, mixed, excitation, change, compensation
         )

@@ -162,13 +162,13 @@ def derive_gains(regressors: Regressors, dt: float, given: Mapping[str, Any] | N
         rules.append(Rule(name, _short(derived), rule, active))
         return derived
 
-    spare, reserve, wanted = limit - gravity, 0.3 * limit, 4 * gravity + 60 * inertia
+    spare, reserve, wanted = limit - gravity, 0.6 * limit, 4 * gravity + 60 * inertia
     available = np.maximum(spare, reserve)
     P = settle(
-        "P", np.minimum(available, wanted), "min(max(effort - max|g|, 0.3 effort), 4 max|g| + 60 max M)",
+        "P", np.minimum(available, wanted), "min(max(effort - max|g|, 0.6 effort), 4 max|g| + 60 max M)",
         _by_joint(robot, {
             "effort limit": (available <= wanted) & (spare >= reserve) & ~assumed,
-            "0.3 of the effort limit": (available <= wanted) & (spare < reserve) & ~assumed,
+            "0.6 of the effort limit": (available <= wanted) & (spare < reserve) & ~assumed,
             "effort assumed as max(3 max|g|, 20 max M), URDF sets none": (available <= wanted) & assumed,
             "gravity and inertia": available > wanted,
         }),

@@ -1,0 +1,91 @@
+"""What stands between a controller and an arm: encoders that count, and a bus that takes its time.
+
+Each wraps a plant and has its face, so that they can be put on top of each other.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from eladapt.errors import ArgumentError, require_number
+from eladapt.robot.model import Robot
+from eladapt.signals import Measurement
+from eladapt.simulation.run import Plant
+
+
+class _Wrapper:
+    """A plant seen through something; ``q`` and ``v`` stay the true state."""
+
+    def __init__(self, plant: Plant):
+        self.plant = plant
+
+    @property
+    def robot(self) -> Robot:
+        return self.plant.robot
+
+    @property
+    def q(self) -> np.ndarray:
+        return self.plant.q
+
+    @property
+    def v(self) -> np.ndarray:
+        return self.plant.v
+
+
+class Encoders(_Wrapper):
+    """Positions in whole counts of a turn, velocities from their filtered differences.
+
+    counts: of one turn (or of 2 pi m on a prismatic joint). time_constant [s]: of the first-order filter
+    behind the differences, of which one count makes 2 pi / (counts dt).
+    """
+
+    def __init__(self, plant: Plant, counts: int = 2**17, time_constant: float = 5e-3):
+        super().__init__(plant)
+        if counts < 1:
+            raise ArgumentError(f"counts: expected at least 1, got {counts}")
+        self.resolution = 2 * np.pi / counts
+        self.time_constant = require_number("time_constant", time_constant, 0)
+
+    def reset(self) -> Measurement:
+        """The plant's first measurement, counted; the velocity starts at the plant's."""
+        measurement = self.plant.reset()
+        self._q, self._v = self._counted(measurement.q), measurement.v
+        return measurement._replace(q=self._q)
+
+    def step(self, tau: np.ndarray, dt: float) -> Measurement:
+        """Hold the torque tau (nv,) for dt [s]."""
+        measurement = self.plant.step(tau, dt)
+        q = self._counted(measurement.q)
+        speed = self.robot.difference(self._q, q) / dt
+        share = -np.expm1(-dt / self.time_constant)
+        self._q, self._v = q, self._v + share * (speed - self._v)
+        return measurement._replace(q=q, v=self._v)
+
+    def _counted(self, q: np.ndarray) -> np.ndarray:
+        coordinates = self.robot.coordinates(q)
+        return self.robot.configuration(self.resolution * np.round(coordinates / self.resolution))
+
+
+class Delay(_Wrapper):
+    """A torque that acts ``delay`` [s] after it was commanded, in whole steps; zero until the first does.
+
+    The measurement's tau is the torque that acted, as a drive would report it.
+    """
+
+    def __init__(self, plant: Plant, delay: float):
+        super().__init__(plant)
+        self.delay = require_number("delay", delay, 0, np.finfo(float).max, closed=True)
+        self._queue: deque[np.ndarray] = deque()
+
+    def reset(self) -> Measurement:
+        """The plant's first measurement, with nothing on its way."""
+        self._queue.clear()
+        return self.plant.reset()
+
+    def step(self, tau: np.ndarray, dt: float) -> Measurement:
+        """Send the torque tau (nv,) and let dt [s] pass."""
+        self._queue.append(np.array(tau, dtype=float))
+        late = len(self._queue) > round(self.delay / dt)
+        return self.plant.step(self._queue.popleft() if late else np.zeros(self.robot.nv), dt)
