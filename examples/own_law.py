@@ -7,7 +7,6 @@ animation and record under out/. With --view it also opens the live view in the 
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,8 +22,6 @@ class SaturatedPD:
     D: np.ndarray  # (nv,) [N m]
     reach: float = 0.2  # [rad] the position error at which P begins to saturate
     speed: float = 1.0  # [rad/s]
-    D_L: float = 0.0  # no further damping
-    b: float = 1.0  # exponent of the velocity near rest, where tanh is linear
 
     @classmethod
     def for_robot(cls, robot: ea.Robot) -> "SaturatedPD":
@@ -46,9 +43,8 @@ def main() -> None:
 
     robot = ea.Robot.load("ur5")
     finite_time = ea.CompositeController.for_robot(robot)
-    law: Any = SaturatedPD.for_robot(robot)
-    adaptation = dataclasses.replace(finite_time.law, b=law.b)  # c = b, (471)
-    own = dataclasses.replace(finite_time, control=law, law=adaptation, gains=None)
+    law = SaturatedPD.for_robot(robot)
+    own = dataclasses.replace(finite_time, control=law, gains=None)
 
     records = []
     for title, controller in {"finite-time PD": finite_time, "saturated PD": own}.items():

@@ -12,6 +12,7 @@ import numpy as np
 
 import eladapt as ea
 from eladapt.control.baselines import KnownGravityPD
+from eladapt.simulation.run import Controller
 
 ATTACHED = 3.0  # [s]
 
@@ -29,7 +30,7 @@ def main() -> None:
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), payload=load)
 
     adaptive = ea.CompositeController.for_robot(robot)
-    others = {
+    others: dict[str, Controller] = {
         "PD with the URDF's gravity": KnownGravityPD(robot, adaptive.control),
         "Slotine-Li": ea.SlotineLi.for_robot(robot),
     }

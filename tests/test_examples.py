@@ -10,6 +10,7 @@ import pytest
 EXAMPLES = Path(__file__).parent.parent / "examples"
 LEAVES = {
     "panda": ("panda.png", "panda.html", "panda.npz"),
+    "panda_payload": ("panda_payload.png", "panda_payload.html", "panda_payload.npz"),
     "two_link": ("two_link.png", "two_link.html", "two_link_C1.npz", "two_link_C2.npz"),
     "ur5_waypoints": ("ur5_waypoints.png", "ur5_waypoints.html", "ur5_waypoints.npz"),
     "kinova_continuous": ("kinova_continuous.png", "kinova_continuous.html", "kinova_continuous.npz"),

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.control.composite import CompositeController
+from eladapt.control.composite import CompositeController, ControlBlock
 from eladapt.control.finite_time import FiniteTimePD
+from eladapt.errors import ArgumentError
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
 
@@ -18,8 +19,10 @@ def adaptive_pd(controller: CompositeController, faster: float = 20.0) -> Compos
     """Tomei's adaptive PD: the same controller with a = b = 1 and the direct term alone.
 
     ``faster`` multiplies Gamma, since that term now has all to learn: 20 is where the two-link arm
-    settles soonest.
+    settles soonest. Raises ArgumentError for a controller with another law than `FiniteTimePD`.
     """
+    if not isinstance(controller.control, FiniteTimePD):
+        raise ArgumentError(f"control: expected a FiniteTimePD, got {type(controller.control).__name__}")
     law = dataclasses.replace(
         controller.law, b=1.0, indirect=False, Gamma=faster * np.asarray(controller.law.Gamma)
     )
@@ -43,7 +46,7 @@ class KnownGravityPD:
     """tau = control law + g(q), with g from the URDF: what a perfect model gives."""
 
     robot: Robot
-    control: FiniteTimePD
+    control: ControlBlock
 
     def init(self, measurement: Measurement, theta0: None = None) -> KnownGravityState:
         """Nothing to estimate."""

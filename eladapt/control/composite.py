@@ -49,6 +49,12 @@ class MixingBlock(Protocol):
     def mix(self, information: Any, n_potential: int) -> MixedRegression: ...
 
 
+class ControlBlock(Protocol):
+    """What makes the feedback torque: `FiniteTimePD`, or a law of one's own."""
+
+    def torque(self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float) -> np.ndarray: ...
+
+
 class ControllerState(NamedTuple):
     """Everything that the controller remembers; arrays and NamedTuples of arrays only."""
 
@@ -67,12 +73,12 @@ class ControllerState(NamedTuple):
 class CompositeController:
     """(278) with (318): finite-time regulation that learns theta_U on the way.
 
-    control.b and law.b must agree (c = b). effort_limit (nv,) [N m]: the torque is clipped to it;
-    the estimator sees the torque that was applied, so clipping corrupts nothing, and the direct term
-    rests in the joints whose torque is clipped. detector: notices a load that comes or goes; filters and
-    information then start afresh, and the estimate goes on from where it was. gains: which rule set
-    each gain, where `for_robot` did. compensation: feeds friction forward, at the velocity w that the
-    law is about to make, M (w - v) = H tau.
+    control: `FiniteTimePD`, or any law with its ``torque``; an exponent b must agree with law.b (c = b).
+    effort_limit (nv,) [N m]: the torque is clipped to it; the estimator sees the torque that was applied,
+    so clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped.
+    detector: notices a load that comes or goes; filters and information then start afresh, and the
+    estimate goes on from where it was. compensation: feeds friction forward, at the velocity w that the
+    law is about to make, M (w - v) = H tau. gains: which rule set each gain, where `for_robot` did.
     """
 
     regressors: Regressors
@@ -80,7 +86,7 @@ class CompositeController:
     extension: ExtensionBlock
     mixing: MixingBlock
     law: CompositeLaw
-    control: FiniteTimePD
+    control: ControlBlock
     effort_limit: float | np.ndarray = np.inf
     detector: ChangeDetector | None = None
     gains: Gains | None = None
@@ -88,13 +94,15 @@ class CompositeController:
 
     def __post_init__(self) -> None:
         nv, j = self.regressors.robot.nv, self.regressors.n_potential
-        for name in ("P", "D", "D_L"):
-            require_gain(name, getattr(self.control, name), nv, zero=name == "D_L")
         for name in ("Gamma", "Upsilon"):
             require_gain(name, getattr(self.law, name), j)
-        if abs(self.law.b - self.control.b) > 1e-12:
+        if isinstance(self.control, FiniteTimePD):
+            for name in ("P", "D", "D_L"):
+                require_gain(name, getattr(self.control, name), nv, zero=name == "D_L")
+        exponent = getattr(self.control, "b", self.law.b)
+        if abs(self.law.b - exponent) > 1e-12:
             raise ArgumentError(
-                f"law.b: expected the control law's exponent b = {self.control.b:g} (c = b, (471)), "
+                f"law.b: expected the control law's exponent b = {exponent:g} (c = b, (471)), "
                 f"got {self.law.b:g}"
             )
         if isinstance(self.mixing, Directional) and not self.law.scalar_rate:
@@ -191,9 +199,9 @@ class CompositeController:
         mass_matrix = self.robot.mass_matrix(measurement.q)
         feedback = self.control.torque(e1, measurement.v, mass_matrix, dt)
         if self.compensation and state.compensation:
-            horizon = max(dt, self.control.horizon or dt)
+            horizon = max(dt, getattr(self.control, "horizon", None) or dt)
             predicted = measurement.v + horizon * np.linalg.solve(mass_matrix, feedback)
-            feedback = feedback + self.compensation.torque(state.compensation, e1, predicted)
+            feedback = feedback + self.compensation.torque(state.compensation, measurement.v, predicted)
         tau = np.clip(feedback + psi @ state.theta, -self.effort_limit, self.effort_limit)
         return state, tau
 
@@ -244,7 +252,10 @@ class CompositeController:
         excitation = GateMonitor(self.law.b, self.law.d).step(state.excitation, mixed, dt)
         compensation = state.compensation
         if self.compensation and compensation:
-            compensation = self.compensation.step(compensation, information, e1, measurement.v, dt)
+            before, known = state.measurement, psi @ theta
+            compensation = self.compensation.step(
+                compensation, information, before, measurement, known, e1, dt
+            )
         return ControllerState(
             measurement, theta, filters, regression, information, mixed, excitation, change, compensation
         )

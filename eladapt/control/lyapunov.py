@@ -151,7 +151,7 @@ class LyapunovFunctions:
     and for weights that are not positive.
     """
 
-    controller: Composite
+    controller: Any
     gamma3: float = 0.5
     gamma4: float = 0.5
     d2: float | None = None

@@ -16,6 +16,7 @@ from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.estimation.extensions import Information
 from eladapt.estimation.mixing import DUST
 from eladapt.robot.regressors import Regressors
+from eladapt.signals import Measurement
 
 # A parameter is unknown when more than this part of it lies in directions that are not excited.
 UNSEEN = 1e-3
@@ -46,37 +47,39 @@ class CompensationState(NamedTuple):
     """What is fed forward."""
 
     theta: np.ndarray  # (n_friction,) in physical units
-    breakaway: np.ndarray  # (nv,) [N m] beyond coulomb, while a joint is stuck away from its goal
+    disturbance: np.ndarray  # (nv,) [N m] what neither the model nor friction explains
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionCompensation:
-    """tau = viscous w + coulomb sat(w / speed) - breakaway sat(e / tolerance): what friction takes.
+    """tau = viscous w + coulomb sat(w / speed) + d: what friction takes, and a disturbance estimate.
 
-    w is the velocity that the control law is about to make, so a stuck joint is helped towards its goal, and
-    one that has arrived, where w = 0, is left alone. The least-squares estimates are followed
-    with ``time``, along each direction as far as it is trusted (its gate's fourth root times its reliability): a joint seen at one speed only gets the
-    least pair of coefficients that makes the torque seen, and information lost is not forgotten. What no estimate covers (a joint that
-    has never moved, static friction above Coulomb's) is met by ``breakaway``: it grows by ``rate`` limits a
-    second while |e_i| > ``tolerance`` and |v_i| is below twice ``stiction_speed``, so that the joint comes to
-    speeds that the regression sees, and fades with ``time`` near the goal and above five times that speed.
+    w is the velocity that the control law is about to make, so a stuck joint is helped towards its goal,
+    and one that has arrived, where w = 0, is left alone. The least-squares estimates are followed with
+    ``time``, along each direction as far as it is trusted (its gate's fourth root times its reliability):
+    a joint seen at one speed only gets the least pair of coefficients that makes the torque seen, and
+    what was learned stays when the information is lost.
 
-    limit: scalar or (nv,) [N m], the largest torque that it may add. speed [rad/s]: below it the
-    compensation fades, and with it chatter; above what velocity noise is left in w. time [s];
-    tolerance [rad]; stiction_speed [rad/s]; rate [1/s].
+    d is the low-pass of the model's residual, tau - (M dv/dt + C v) - Psi theta - friction, with the URDF's
+    M and C, in which a stuck joint has no friction: there it integrates the law's torque until the joint
+    moves. It meets what no estimate covers: a joint that has never moved, gravity not yet learned. Where
+    a joint rests within ``tolerance`` of its goal d is held, or it would hunt about it.
+
+    limit: scalar or (nv,) [N m], the largest torque of friction and of d. speed [rad/s]: below it the
+    compensation fades, and with it chatter; above what velocity noise is left in w. time [s]; memory [s]
+    of d: velocity noise sigma costs about M sigma / memory [N m] of it. tolerance [rad].
     """
 
     regressors: Regressors
-    limit: float | np.ndarray
+    limit: np.ndarray | float
     speed: float = 1e-3
     time: float = 0.05
+    memory: float = 0.01
     tolerance: float = 1e-4
-    stiction_speed: float = 0.01
-    rate: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limit", require_gain("limit", self.limit, self.regressors.robot.nv))
-        for name in ("speed", "time", "tolerance", "stiction_speed", "rate"):
+        for name in ("speed", "time", "memory", "tolerance"):
             object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
 
     def init(self) -> CompensationState:
@@ -84,26 +87,43 @@ class FrictionCompensation:
         return CompensationState(np.zeros(self.regressors.n_friction), np.zeros(self.regressors.robot.nv))
 
     def step(
-        self, state: CompensationState, information: Information, e1: np.ndarray, v: np.ndarray, dt: float
+        self,
+        state: CompensationState,
+        information: Information,
+        before: Measurement,
+        measurement: Measurement,
+        gravity: np.ndarray,
+        e1: np.ndarray,
+        dt: float,
     ) -> CompensationState:
-        """Follow the estimates over dt [s]; e1 (nv,): error [rad], v (nv,) [rad/s]."""
+        """Follow the estimates over the dt [s] between two measurements; gravity (nv,): Psi theta [N m];
+        e1 (nv,): error [rad]."""
         found = _directions(self.regressors, information)
-        kept = np.exp(-dt / self.time)
         trust = found.gates**0.25 * found.reliability(0.1 * float(np.min(self.limit)))
-        change = (1 - kept) * trust * (found.estimate - found.basis.T @ state.theta)
-        theta = state.theta + found.basis @ change
-        away = (np.abs(e1) > self.tolerance) & self.regressors.coulomb
-        grown = np.minimum(state.breakaway + dt * self.rate * self.limit, self.limit)
-        held = np.where(np.abs(v) < 2 * self.stiction_speed, grown, state.breakaway)
-        fading = ~away | (np.abs(v) > 5 * self.stiction_speed)
-        return CompensationState(theta, np.where(fading, kept * state.breakaway, held))
+        change = -np.expm1(-dt / self.time) * trust * (found.estimate - found.basis.T @ state.theta)
+        robot, (_, q, v, tau) = self.regressors.robot, measurement
+        inertial = robot.inverse_dynamics(q, v, (v - before.v) / dt) - robot.gravity(q)
+        residual = tau - inertial - gravity - self._friction(state, v)
+        arrived = (np.abs(e1) < self.tolerance) & (np.abs(v) < self.speed)
+        residual = np.where(arrived, state.disturbance, residual)
+        disturbance = state.disturbance - np.expm1(-dt / self.memory) * (residual - state.disturbance)
+        return CompensationState(
+            state.theta + found.basis @ change, np.clip(disturbance, -self.limit, self.limit)
+        )
 
-    def torque(self, state: CompensationState, e1: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """(nv,) [N m] at the error e1 (nv,) [rad] and the predicted velocity w (nv,) [rad/s]."""
+    def torque(self, state: CompensationState, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """(nv,) [N m] at the velocity v (nv,) and the predicted one w (nv,) [rad/s].
+
+        Where the step would turn v back, friction brakes for a part of it that is not known: to push
+        against it all along would throw a light joint over (0.5 rad/s on the panda's last).
+        """
+        turns = (v * w < 0) & (np.abs(v) > self.speed)
+        return self._friction(state, np.where(turns, 0.0, w)) + state.disturbance
+
+    def _friction(self, state: CompensationState, v: np.ndarray) -> np.ndarray:
+        """What the estimates say friction takes at v (nv,), rounded off near zero."""
         viscous, coulomb = np.maximum(_by_joint(self.regressors, state.theta, 0.0), 0.0)
-        slide = viscous * w + coulomb * np.clip(w / self.speed, -1, 1)
-        push = state.breakaway * np.clip(-e1 / self.tolerance, -1, 1)
-        return np.clip(slide + push, -self.limit, self.limit)
+        return np.clip(viscous * v + coulomb * np.clip(v / self.speed, -1, 1), -self.limit, self.limit)
 
 
 class _Directions(NamedTuple):
@@ -127,7 +147,8 @@ def _directions(regressors: Regressors, information: Information) -> _Directions
         )
     rest = triangle[start:-1, start:]  # [F U t], all before it eliminated
     reordered = np.hstack([rest[:, n:-1], rest[:, :n], rest[:, -1:]])
-    bottom = np.linalg.qr(reordered, mode="r")[len(reordered) - n :]
+    upper = np.asarray(np.linalg.qr(reordered, mode="r"))
+    bottom = upper[len(reordered) - n :]
     left, singular, right = np.linalg.svd(bottom[:, -n - 1 : -1])
     excited = singular > DUST * max(np.linalg.norm(triangle[:-1, :-1]), np.finfo(float).tiny)
     projected = left.T @ bottom[:, -1]

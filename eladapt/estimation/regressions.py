@@ -101,7 +101,8 @@ class ForceBalance:
 
     def _sliding(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """(nv,) which joints slid one way all along a step."""
-        return np.where(before > 0, np.minimum(before, after), -np.maximum(before, after)) > self.stiction_speed
+        slowest = np.where(before > 0, np.minimum(before, after), -np.maximum(before, after))
+        return slowest > self.stiction_speed
 
     def _force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the torque does besides changing the momentum (nv, l)."""

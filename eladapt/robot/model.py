@@ -222,8 +222,10 @@ class Robot:
     @property
     def source(self) -> dict[str, Any]:
         """What `from_source` needs to build this robot again; plain JSON types."""
-        if self.name in library.names() and library.entry(self.name).urdf.resolve() == self.path:
-            return {"load": self.name}
+        if self.name in library.names():
+            listed = Robot.load(self.name)
+            if listed.model == self.model and listed.zero_parameters == self.zero_parameters:
+                return {"load": self.name}
         armature = {n: float(a) for n, a in zip(self.joint_names, self.armature, strict=True) if a}
         return {
             "urdf": str(self.path),
@@ -233,6 +235,8 @@ class Robot:
             "armature": armature,
             "tool": self.tool,
             "zero_parameters": list(self.zero_parameters),
+            "home": self.home.tolist(),
+            "target": self.target.tolist(),
         }
 
     @classmethod

@@ -146,6 +146,15 @@ def test_a_robot_can_be_found_again_from_its_source(robot):
     np.testing.assert_array_equal(again.gravity(q), robot.gravity(q))
 
 
+def test_a_variant_of_a_robot_of_the_library_is_not_taken_for_it():
+    """Same name and file, but no rotors, or other parameters known to be zero."""
+    source = entry("talos_left_arm")
+    bare = ea.Robot.from_urdf(source.urdf, source.package_dirs, source.locked, name="talos_left_arm")
+    assert np.all(ea.Robot.from_source(bare.source).armature == 0)
+    general = ea.Robot.from_urdf(entry("two_link").urdf, name="two_link")
+    assert len(ea.Regressors(ea.Robot.from_source(general.source))) == 6
+
+
 def test_a_robot_without_gravity_torque_is_regulated():
     """Both axes of asr_twodof are vertical: theta_U is empty, and everything still works."""
     robot = load("asr_twodof")

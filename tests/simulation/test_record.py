@@ -32,7 +32,10 @@ def test_shapes(record):
 def test_round_trip_is_exact(record, tmp_path):
     path = record.save(tmp_path / "new" / "run.npz")
     again = ea.Record.load(path)
+    assert again.final_state is None, "what only the run's own controller understands is not saved"
     for field in dataclasses.fields(record):
+        if field.name == "final_state":
+            continue
         one, other = getattr(record, field.name), getattr(again, field.name)
         assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
     assert ea.Robot.from_source(again.robot_source).joint_names == record.joint_names
