@@ -16,6 +16,7 @@ from eladapt.errors import EladaptError
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.excitation import IntervalExcitation
 from eladapt.estimation.extensions import Information, Kreisselmeier, LeastSquares
+from eladapt.estimation.friction import FrictionEstimate
 from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenvalue
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
@@ -39,6 +40,7 @@ __all__ = [
     "FiniteTimePD",
     "ForceBalance",
     "Friction",
+    "FrictionEstimate",
     "Information",
     "IntervalExcitation",
     "Kreisselmeier",

@@ -20,6 +20,9 @@ from eladapt.signals import Measurement
 
 # A parameter is unknown when more than this part of it lies in directions that are not excited.
 UNSEEN = 1e-3
+# Nor is it known when the residual, all of it put into the parameter, could change it by this part of the
+# largest friction parameter.
+DOUBT = 0.1
 
 
 class FrictionEstimate(NamedTuple):
@@ -33,12 +36,16 @@ class FrictionEstimate(NamedTuple):
 def estimate_friction(regressors: Regressors, information: Information) -> FrictionEstimate:
     """Least squares over all that was seen, in physical units, of the friction columns there are.
 
-    A joint that has not moved, or at one speed only, leaves a direction without information: what
-    lies in it is nan and not ``known``. Raises ArgumentError for information of another regression.
+    A joint that has not moved, or at one speed only, leaves a direction without information: what lies
+    in it is nan and not ``known``, and so is what the residual leaves in doubt. Raises ArgumentError
+    for information of another regression.
     """
     found = _directions(regressors, information)
     unseen = np.linalg.norm(found.basis[:, found.gates == 0], axis=1)
-    values = np.where(unseen > UNSEEN, np.nan, found.basis @ found.estimate)
+    values = found.basis @ found.estimate
+    spread = np.where(found.gates > 0, found.spread, 0.0)
+    doubt = np.linalg.norm(found.basis * spread, axis=1)
+    values[(unseen > UNSEEN) | (doubt > DOUBT * np.abs(values).max(initial=0.0))] = np.nan
     viscous, coulomb = by_joint = _by_joint(regressors, values, np.nan)
     return FrictionEstimate(viscous, coulomb, np.isfinite(by_joint))
 

@@ -20,7 +20,7 @@ import scipy.linalg
 from eladapt.errors import ArgumentError, require_number, require_vector
 from eladapt.estimation.extensions import Information
 from eladapt.estimation.mixing import DUST
-from eladapt.robot.model import frame_index
+from eladapt.robot.reading import frame_index
 from eladapt.robot.regressors import Regressors
 
 NAMES = ("m", "m cx", "m cy", "m cz")

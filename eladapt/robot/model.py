@@ -6,19 +6,26 @@ damping and friction nowhere), checked arguments, and limits in which 0 or missi
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, UnknownNameError, UrdfError, require_number, require_vector
+from eladapt.errors import ArgumentError, UrdfError, require_number, require_vector
 from eladapt.robot import library
-from eladapt.robot.checks import check_mimics, check_model, check_urdf, read_urdf
+from eladapt.robot.checks import check_mimics, check_model, check_urdf
+from eladapt.robot.reading import (
+    clipped_neutral,
+    frame_index,
+    last_body,
+    lock,
+    matching_joints,
+    read_model,
+    velocity_index,
+)
 from eladapt.signals import Measurement
 
 UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
@@ -71,16 +78,16 @@ class Robot:
         """
         path = Path(path)
         check_urdf(path)
-        full = _read(path)
-        locked_names = _matching_joints(full, locked)
+        full = read_model(path)
+        locked_names = matching_joints(full, locked)
         check_mimics(path, locked_names)
-        model = _lock(full, locked_names)
+        model = lock(full, locked_names)
         for joint, inertia in (armature or {}).items():
-            model.armature[_velocity_index(model, joint)] = inertia
+            model.armature[velocity_index(model, joint)] = inertia
         check_model(model, path)
         if tool is not None:
             frame_index(model, tool)
-        neutral = pin.difference(model, pin.neutral(model), _clipped_neutral(model))
+        neutral = pin.difference(model, pin.neutral(model), clipped_neutral(model))
         home = neutral if home is None else require_vector("home", home, model.nv)
         return cls(
             model=model,
@@ -88,7 +95,7 @@ class Robot:
             path=path.resolve(),
             package_dirs=tuple(str(Path(folder).resolve()) for folder in package_dirs),
             locked=tuple(locked_names),
-            tool=tool or _last_body(model),
+            tool=tool or last_body(model),
             zero_parameters=tuple(zero_parameters),
             home=home,
             target=home if target is None else require_vector("target", target, model.nv),
@@ -207,7 +214,7 @@ class Robot:
 
     def visual_model(self) -> pin.GeometryModel:
         """The URDF's visuals, attached to the joints that are left. Raises UrdfError."""
-        full = _read(self.path)
+        full = read_model(self.path)
         try:
             visuals = pin.buildGeomFromUrdf(
                 full, str(self.path), pin.VISUAL, package_dirs=list(self.package_dirs)
@@ -217,7 +224,7 @@ class Robot:
         if not self.locked:
             return visuals
         ids = [full.getJointId(name) for name in self.locked]
-        return pin.buildReducedModel(full, visuals, ids, _clipped_neutral(full))[1]
+        return pin.buildReducedModel(full, visuals, ids, clipped_neutral(full))[1]
 
     @property
     def source(self) -> dict[str, Any]:
@@ -284,23 +291,6 @@ class Robot:
         return lower, upper
 
 
-def frame_index(model: pin.Model, name: str) -> int:
-    """Index of a frame by name; of a link where a joint has the same name. Raises UnknownNameError."""
-    found = [k for k, frame in enumerate(model.frames) if frame.name == name]
-    if not found:
-        raise UnknownNameError("frame", [name], [frame.name for frame in model.frames])
-    bodies = [k for k in found if model.frames[k].type == pin.FrameType.BODY]
-    return (bodies or found)[0]
-
-
-def _read(path: Path) -> pin.Model:
-    """Pinocchio's model of the document as it was checked, not of what another parser makes of it."""
-    try:
-        return pin.buildModelFromXML(ElementTree.tostring(read_urdf(path), "unicode"))
-    except (RuntimeError, ValueError) as reason:
-        raise UrdfError(path, [library.unreadable(reason)]) from reason
-
-
 def _square(matrix: np.ndarray, size: int) -> np.ndarray:
     """A copy, square also for one joint, of which the bindings return a vector."""
     return np.array(matrix).reshape(size, size)
@@ -308,47 +298,3 @@ def _square(matrix: np.ndarray, size: int) -> np.ndarray:
 
 def _set_or_inf(limit: np.ndarray) -> np.ndarray:
     return np.where(limit > 0, limit, np.inf)
-
-
-def _matching_joints(model: pin.Model, patterns: Iterable[str]) -> list[str]:
-    if isinstance(patterns, str):
-        patterns = (patterns,)
-    names, chosen, unknown = list(model.names)[1:], set(), []
-    for pattern in patterns:
-        found = fnmatch.filter(names, pattern)
-        chosen.update(found)
-        if not found:
-            unknown.append(pattern)
-    if unknown:
-        raise UnknownNameError("joint", unknown, names)
-    return [name for name in names if name in chosen]
-
-
-def _lock(full: pin.Model, names: Sequence[str]) -> pin.Model:
-    if not names:
-        return full
-    return pin.buildReducedModel(full, [full.getJointId(name) for name in names], _clipped_neutral(full))
-
-
-def _clipped_neutral(model: pin.Model) -> np.ndarray:
-    """The neutral configuration, with the joints whose limits exclude it at the nearest limit."""
-    q = pin.neutral(model)
-    for joint in range(1, model.njoints):
-        k = model.idx_qs[joint]
-        low, high = model.lowerPositionLimit[k], model.upperPositionLimit[k]
-        if model.nqs[joint] == 1 and low < high:
-            q[k] = np.clip(q[k], low, high)
-    return q
-
-
-def _last_body(model: pin.Model) -> str:
-    """The last link that moves with the last joint."""
-    last = model.njoints - 1
-    bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == last]
-    return bodies[-1]
-
-
-def _velocity_index(model: pin.Model, joint: str) -> int:
-    if not model.existJointName(joint):
-        raise UnknownNameError("joint", [joint], list(model.names)[1:])
-    return model.idx_vs[model.getJointId(joint)]

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
-from eladapt.robot.model import Robot, frame_index
+from eladapt.robot.model import Robot
+from eladapt.robot.reading import frame_index
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ def move(controller, duration: float, dt: float = 1e-3) -> ea.Record:
     return ea.simulate(controller, plant, robot.configuration(robot.target), duration, dt, progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_slotine_li_regulates_larger_arms(name):
     """From theta = 0: below 1e-3 rad, and still falling by decades, which is asymptotic."""
@@ -50,6 +51,7 @@ def test_c4_needs_the_weight_of_its_proof():
     assert np.diff(typed).max() > 1e-4 * typed[0]
 
 
+@pytest.mark.slow
 def test_adaptive_pd_is_the_linear_direct_scheme():
     """Tomei's scheme regulates asymptotically: it gets there, but has not arrived to rounding."""
     controller = adaptive_pd(ea.CompositeController.for_robot(load("two_link")))

@@ -1,0 +1,79 @@
+"""From a URDF, as it was checked, to a Pinocchio model with the joints that are wanted."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from eladapt.errors import UnknownNameError, UrdfError
+from eladapt.robot import library
+from eladapt.robot.checks import read_urdf
+
+
+def frame_index(model: pin.Model, name: str) -> int:
+    """Index of a frame by name; of a link where a joint has the same name. Raises UnknownNameError."""
+    found = [k for k, frame in enumerate(model.frames) if frame.name == name]
+    if not found:
+        raise UnknownNameError("frame", [name], [frame.name for frame in model.frames])
+    bodies = [k for k in found if model.frames[k].type == pin.FrameType.BODY]
+    return (bodies or found)[0]
+
+
+def read_model(path: Path) -> pin.Model:
+    """Pinocchio's model of the document as it was checked, not of what another parser makes of it."""
+    try:
+        return pin.buildModelFromXML(ElementTree.tostring(read_urdf(path), "unicode"))
+    except (RuntimeError, ValueError) as reason:
+        raise UrdfError(path, [library.unreadable(reason)]) from reason
+
+
+def matching_joints(model: pin.Model, patterns: Iterable[str]) -> list[str]:
+    """The joints named, ``*`` matching any characters, in the model's order. Raises UnknownNameError."""
+    if isinstance(patterns, str):
+        patterns = (patterns,)
+    names, chosen, unknown = list(model.names)[1:], set(), []
+    for pattern in patterns:
+        found = fnmatch.filter(names, pattern)
+        chosen.update(found)
+        if not found:
+            unknown.append(pattern)
+    if unknown:
+        raise UnknownNameError("joint", unknown, names)
+    return [name for name in names if name in chosen]
+
+
+def lock(full: pin.Model, names: Sequence[str]) -> pin.Model:
+    """The model with these joints fixed at their neutral position, clipped to their limits."""
+    if not names:
+        return full
+    return pin.buildReducedModel(full, [full.getJointId(name) for name in names], clipped_neutral(full))
+
+
+def clipped_neutral(model: pin.Model) -> np.ndarray:
+    """The neutral configuration, with the joints whose limits exclude it at the nearest limit."""
+    q = pin.neutral(model)
+    for joint in range(1, model.njoints):
+        k = model.idx_qs[joint]
+        low, high = model.lowerPositionLimit[k], model.upperPositionLimit[k]
+        if model.nqs[joint] == 1 and low < high:
+            q[k] = np.clip(q[k], low, high)
+    return q
+
+
+def last_body(model: pin.Model) -> str:
+    """The last link that moves with the last joint."""
+    last = model.njoints - 1
+    bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == last]
+    return bodies[-1]
+
+
+def velocity_index(model: pin.Model, joint: str) -> int:
+    """Where a joint stands in vectors of size nv. Raises UnknownNameError."""
+    if not model.existJointName(joint):
+        raise UnknownNameError("joint", [joint], list(model.names)[1:])
+    return model.idx_vs[model.getJointId(joint)]
