@@ -7,6 +7,8 @@ from eladapt.control.bounds import model_bounds
 from eladapt.control.certificates import certify, settling_bounds
 from eladapt.control.composite import CompositeController, ControllerState
 from eladapt.control.finite_time import FiniteTimePD
+from eladapt.control.gate import FAULTS, Fault, TorqueGate
+from eladapt.control.gated import GatedController, GatedState
 from eladapt.control.lyapunov import LyapunovFunctions
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import TerminalSliding
@@ -31,16 +33,20 @@ from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
 
 __all__ = [
+    "FAULTS",
     "CompositeController",
     "CompositeLaw",
     "ControllerState",
     "Determinant",
     "Directional",
     "EladaptError",
+    "Fault",
     "FiniteTimePD",
     "ForceBalance",
     "Friction",
     "FrictionEstimate",
+    "GatedController",
+    "GatedState",
     "Information",
     "IntervalExcitation",
     "Kreisselmeier",
@@ -62,6 +68,7 @@ __all__ = [
     "SlotineLi",
     "SmallestEigenvalue",
     "TerminalSliding",
+    "TorqueGate",
     "certify",
     "estimate_payload",
     "model_bounds",

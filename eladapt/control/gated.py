@@ -86,7 +86,10 @@ class GatedController:
     def step(
         self, state: GatedState, measurement: Measurement, goal: np.ndarray, dt: float
     ) -> tuple[GatedState, np.ndarray]:
-        """The state at ``measurement`` and the torque (nv,) to hold for dt [s]; raises ArgumentError for dt."""
+        """The state at ``measurement`` and the torque (nv,) to hold for dt [s].
+
+        Raises ArgumentError for a dt that is no positive number, and for nothing else.
+        """
         dt = require_number("dt", dt, 0)
         inner, trusted, tau = state.inner, state.trusted, state.gate.tau
         gate = self.gate.watch(state.gate, measurement, goal, dt)
@@ -96,9 +99,9 @@ class GatedController:
                 inner = stepped
                 error = self.robot.difference(gate.goal, gate.q)
                 trusted = _theta(inner) if self.gate.guard.quiet(gate.guard, error) else trusted
-                tau = self.gate.slowed(gate, tau, dt)
+                tau = self.gate.slowed(gate, self.gate.limited(gate, tau, dt))
         elif gate.fault is None:
-            gate = self.gate.coast(gate, self._gravity(gate.q, trusted), dt)
+            gate = self.gate.coast(gate, dt)
         if gate.fault is not None:
             gate, tau = self.gate.fallback(gate, self._gravity(gate.q, trusted), dt)
         tau = self.gate.limited(gate, tau, dt)

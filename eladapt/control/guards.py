@@ -7,12 +7,14 @@ of a joint grows with their squares), and full torque for a long time without mo
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from eladapt.errors import require_number
+from eladapt.robot.model import Robot
 
 
 class Swing(NamedTuple):
@@ -81,38 +83,40 @@ class DivergenceGuard:
         full: np.ndarray,
         dt: float,
     ) -> GuardState:
-        """One more sample: error, v (nv,), how far the set-point moved (nv,), which torques are full (nv,)."""
-        asked = state.asked * np.exp(-dt / self.memory)
+        """One more sample: error, v, how far the set-point moved, which torques are full, all (nv,)."""
+        asked = state.asked * math.exp(-dt / self.memory)
         if moved.any():
             # a new set-point asks for the error it makes, however far off the old one was
             asked = np.where(np.abs(moved) > self.error_margin, np.abs(error), asked + np.abs(moved))
         stalled = np.where(full & (np.abs(v) < self.stall_speed), state.stalled + dt, 0.0)
         return GuardState(asked, goal, self._swing(state.swing, v), stalled)
 
-    def alarm(self, state: GuardState, error: np.ndarray, names: tuple[str, ...]) -> Alarm | None:
+    def alarm(self, state: GuardState, error: np.ndarray, robot: Robot) -> Alarm | None:
         """The first sign of divergence, in the joint that shows it most."""
         allowed = self.error_factor * state.asked + self.error_margin
         excess = np.abs(error) - allowed
-        if np.any(excess > 0):
+        growing, stalled = state.swing.growths.max(), state.stalled.max()
+        if excess.max() <= 0 and growing < self.growths and stalled <= self.stall:
+            return None
+        names = robot.joint_names
+        if excess.max() > 0:
             i = int(np.argmax(excess))
             said = f"error of {names[i]!r} grew to {abs(error[i]):.3g}, expected at most {allowed[i]:.3g}"
             return Alarm("error growth", said)
-        if np.any(state.swing.growths >= self.growths):
+        if growing >= self.growths:
             i = int(np.argmax(state.swing.growths))
             said = (
                 f"{names[i]!r} swings ever faster, {state.swing.before[i]:.3g} rad/s after "
-                f"{int(state.swing.growths[i])} growing half-waves"
+                f"{int(growing)} growing half-waves"
             )
             return Alarm("energy growth", said)
-        if np.any(state.stalled > self.stall):
-            i = int(np.argmax(state.stalled))
-            return Alarm("stall", f"{names[i]!r} has not moved under full torque for {state.stalled[i]:.3g} s")
-        return None
+        i = int(np.argmax(state.stalled))
+        return Alarm("stall", f"{names[i]!r} has not moved under full torque for {stalled:.3g} s")
 
     def quiet(self, state: GuardState, error: np.ndarray) -> bool:
         """Whether nothing points to divergence, so that what was learned by now can be trusted."""
         usual = np.abs(error) <= state.asked + 0.5 * self.error_margin
-        return bool(usual.all() and (state.swing.growths < 2).all())
+        return bool(usual.all() and state.swing.growths.max() < 2)
 
     def _swing(self, swing: Swing, v: np.ndarray) -> Swing:
         sign, speed = np.sign(v), np.abs(v)
