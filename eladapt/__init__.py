@@ -10,6 +10,7 @@ from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gate import FAULTS, Fault, TorqueGate
 from eladapt.control.gated import GatedController, GatedState
 from eladapt.control.lyapunov import LyapunovFunctions
+from eladapt.control.saved import load_state, save_state
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import TerminalSliding
 from eladapt.display.plots import plot
@@ -71,10 +72,12 @@ __all__ = [
     "TorqueGate",
     "certify",
     "estimate_payload",
+    "load_state",
     "model_bounds",
     "paper",
     "plot",
     "robots",
+    "save_state",
     "settling_bounds",
     "simulate",
     "view",

@@ -60,6 +60,10 @@ class RecordError(EladaptError):
     """A file that is not a readable record."""
 
 
+class StateError(EladaptError):
+    """A file that is not the saved state of this controller, or a damaged one."""
+
+
 class RankWarning(UserWarning):
     """The rank of the sampled regressors is not clear-cut."""
 
