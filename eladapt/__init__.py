@@ -23,6 +23,9 @@ from eladapt.estimation.friction import FrictionEstimate
 from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenvalue
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
+from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
+from eladapt.hardware.timing import Timing
+from eladapt.hardware.udp import UdpRobot
 from eladapt.robot.library import names as robots
 from eladapt.robot.model import Robot
 from eladapt.robot.parameters import ParameterBasis
@@ -52,6 +55,7 @@ __all__ = [
     "IntervalExcitation",
     "Kreisselmeier",
     "LeastSquares",
+    "LoopResult",
     "LyapunovFunctions",
     "Measurement",
     "MixedRegression",
@@ -66,10 +70,13 @@ __all__ = [
     "Regression",
     "Regressors",
     "Robot",
+    "RobotInterface",
     "SlotineLi",
     "SmallestEigenvalue",
     "TerminalSliding",
+    "Timing",
     "TorqueGate",
+    "UdpRobot",
     "certify",
     "estimate_payload",
     "load_state",
@@ -77,6 +84,7 @@ __all__ = [
     "paper",
     "plot",
     "robots",
+    "run_loop",
     "save_state",
     "settling_bounds",
     "simulate",
