@@ -56,6 +56,6 @@ class ChangeDetector:
         limit = max(self.least**2, self.factor**2 * change.level)
         if square > limit and t - change.t > self.pause:
             return Change(change.noticed + 1, t, 0, change.level, theta, before)
-        share = min(1.0, dt / self.memory)
-        level = change.level + share * (min(square, limit) - change.level)
-        return change._replace(level=level, steps=change.steps + 1)
+        noticed, when, steps, level, theta_before, information_before = change
+        level += min(1.0, dt / self.memory) * (min(square, limit) - level)
+        return Change(noticed, when, steps + 1, level, theta_before, information_before)
