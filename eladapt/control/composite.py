@@ -10,6 +10,7 @@ import numpy as np
 
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
+from eladapt.control.hardware import Hardware
 from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import Change, ChangeDetector
@@ -122,13 +123,19 @@ class CompositeController:
         robot: Robot,
         dt: float = 1e-3,
         *,
+        position_noise: float | np.ndarray = 0.0,
+        velocity_noise: float | np.ndarray = 0.0,
+        delay: float = 0.0,
         friction: bool | Literal["viscous", "coulomb"] = False,
         friction_feedforward: bool = True,
         **given: Any,
     ) -> CompositeController:
         """Every gain derived from the URDF, for steps of dt [s]; those ``given`` by name are kept.
 
-        Names: P, D, D_L, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of
+        position_noise [rad], velocity_noise [rad/s], delay [s]: what is known of the hardware, see `Hardware`; the
+        horizon of the control law and the information floor follow from it.
+
+        Names: P, D, D_L, horizon, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of
         `eladapt.control.gains.Gains`. ``print(controller.gains)`` says which rule set each. Raises
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
 
@@ -136,7 +143,8 @@ class CompositeController:
         `friction`; friction_feedforward: whether what is found is fed forward.
         """
         regressors = Regressors(robot, friction=friction)
-        gains = derive_gains(regressors, dt, given)
+        hardware = Hardware(position_noise, velocity_noise, delay)
+        gains = derive_gains(regressors, dt, given, hardware)
         compensation = None
         if friction and friction_feedforward:
             limit = 0.5 * effort(robot, extremes(robot))
@@ -147,7 +155,7 @@ class CompositeController:
             extension=LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0),
             mixing=Directional(),
             law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon),
-            control=FiniteTimePD(gains.P, gains.D, gains.D_L),
+            control=FiniteTimePD(gains.P, gains.D, gains.D_L, horizon=gains.horizon),
             effort_limit=robot.effort_limit,
             detector=ChangeDetector(),
             gains=gains,

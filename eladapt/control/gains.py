@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eladapt.control.hardware import Hardware, choose_horizon
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number
 from eladapt.robot.model import Robot
 from eladapt.robot.regressors import Regressors
@@ -22,6 +23,7 @@ SAMPLES = 200  # configurations over which the extremes of M and g are taken
 # published arms stay below 0.17 (so_arm101), and explicit feedback of a mode diverges at 2.
 RESOLVED = 0.3
 GAMMA, GAMMA_LEAST = 0.2, 0.002
+IDEAL = Hardware()
 
 
 class Rule(NamedTuple):
@@ -40,6 +42,7 @@ class Gains:
     P: np.ndarray  # [N m/rad^(1/3)]
     D: np.ndarray  # [N m (s/rad)^(1/2)]
     D_L: np.ndarray  # [N m s/rad]
+    horizon: float  # [s] of the semi-implicit law
     pole: float  # [1/s]
     row_weight: np.ndarray  # [1/(N m)]
     alpha: float  # [1/s]
@@ -134,7 +137,12 @@ def fall_mode(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> Mode:
     return fastest
 
 
-def derive_gains(regressors: Regressors, dt: float, given: Mapping[str, Any] | None = None) -> Gains:
+def derive_gains(
+    regressors: Regressors,
+    dt: float,
+    given: Mapping[str, Any] | None = None,
+    hardware: Hardware = IDEAL,
+) -> Gains:
     """Gains for a torque that is held over dt [s]; those ``given`` by name are kept.
 
     Raises UnknownNameError for a name that is no gain, and ArgumentError, which names the joint and the
@@ -177,18 +185,23 @@ def derive_gains(regressors: Regressors, dt: float, given: Mapping[str, Any] | N
         "D", 1.5 * P**0.75 * inertia**0.25, "1.5 P^(3/4) max M^(1/4): the same damping at any amplitude"
     )
     D_L = settle("D_L", 0.1 * D, "0.1 D")
+    horizon = settle("horizon", *choose_horizon(hardware, inertia, limit, dt))
     pole = settle("pole", 20.0, "20 1/s: a tenth of a second of motion in the filters")
     row_weight = settle("row_weight", 1 / limit, "1 / effort limit: rows of equal size")
     alpha = settle("alpha", 1.0, "1 1/s on scaled columns")
     beta = settle("beta", 5.0, "5 1/s: forgets in 0.2 s what is known better than needed")
-    xi = settle("xi", 1e8, "1e8 without noise (1e5 with): the information floor 1/xi")
+    xi = settle(
+        "xi", 1e5 if hardware.noisy else 1e8, "1e8 without noise, 1e5 with: the information floor 1/xi"
+    )
     f0 = settle("f0", 1e-3, "1e-3: the prior is worth a millisecond of motion")
     Gamma = settle("Gamma", *_adaptation_gain(regressors, dt))
     # |theta_U| is about max |g| in scaled columns: its fractional term arrives within about 0.3 s.
     rate = np.sqrt(3 * max(gravity.max(), 1e-3)) / 0.045
     Upsilon = settle("Upsilon", rate / Gamma, "Gamma Upsilon = sqrt(3 max|g|) / 0.045: arrives within 0.3 s")
     _require_resolved(fall_mode(robot), dt, "gravity changes")
-    return Gains(P, D, D_L, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, rules=tuple(rules))
+    return Gains(
+        P, D, D_L, horizon, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, rules=tuple(rules)
+    )
 
 
 def derive_sliding_gains(robot: Robot, dt: float) -> SlidingGains:
