@@ -126,14 +126,16 @@ class CompositeController:
         position_noise: float | np.ndarray = 0.0,
         velocity_noise: float | np.ndarray = 0.0,
         delay: float = 0.0,
+        velocity_lag: float = 0.0,
         friction: bool | Literal["viscous", "coulomb"] = False,
         friction_feedforward: bool = True,
         **given: Any,
     ) -> CompositeController:
         """Every gain derived from the URDF, for steps of dt [s]; those ``given`` by name are kept.
 
-        position_noise [rad], velocity_noise [rad/s], delay [s]: what is known of the hardware, see `Hardware`; the
-        horizon of the control law and the information floor follow from it.
+        position_noise [rad], velocity_noise [rad/s], delay [s], velocity_lag [s]: what is known of the
+        hardware, see `eladapt.control.hardware.Hardware`; the control law's horizon, the information floor
+        and the speed below which a joint counts as stuck follow from it.
 
         Names: P, D, D_L, horizon, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of
         `eladapt.control.gains.Gains`. ``print(controller.gains)`` says which rule set each. Raises
@@ -143,15 +145,23 @@ class CompositeController:
         `friction`; friction_feedforward: whether what is found is fed forward.
         """
         regressors = Regressors(robot, friction=friction)
-        hardware = Hardware(position_noise, velocity_noise, delay)
+        hardware = Hardware(position_noise, velocity_noise, delay, velocity_lag)
         gains = derive_gains(regressors, dt, given, hardware)
         compensation = None
         if friction and friction_feedforward:
             limit = 0.5 * effort(robot, extremes(robot))
-            compensation = FrictionCompensation(regressors, limit)
+            still = float(np.max(hardware.position_noise)), float(np.max(hardware.velocity_noise))
+            compensation = FrictionCompensation(
+                regressors, limit, tolerance=max(1e-4, 3 * still[0]), speed=max(1e-3, 3 * still[1])
+            )
         return cls(
             regressors=regressors,
-            regression=ForceBalance(regressors, gains.pole, weight=gains.row_weight),
+            regression=ForceBalance(
+                regressors,
+                gains.pole,
+                gains.row_weight,
+                stiction_speed=max(0.01, 5 * float(np.max(hardware.velocity_noise))),
+            ),
             extension=LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0),
             mixing=Directional(),
             law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon),
