@@ -57,7 +57,7 @@ def simulate(
     steps = round(require_number("duration", duration, 0) / dt)
     robot = plant.robot
     goal_at = goal if callable(goal) else (lambda _t: goal)
-    recorder = Recorder(robot, controller, dt, steps + 1, title)
+    recorder = Recorder(robot, controller, dt, steps + 1, title, getattr(plant, "payload", None))
     measurement = plant.reset()
     state = controller.init(measurement, theta0)
     bar = tqdm(range(steps + 1), desc=title or robot.name, unit="step", disable=not progress, leave=False)
