@@ -106,7 +106,7 @@ def run(job: tuple[str, bool, float]) -> Run:
             controller, plant, robot.configuration(robot.target), duration, DT, progress=False
         )
     except SimulationError:
-        return Run(name, told, horizon, *[np.inf] * 6, 0, True)
+        return Run(name, told, horizon, np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, 0, True)
     metrics = record.metrics()
     reg = controller.regressors
     gravity = reg.gravity(record.q[-1]) @ (record.theta[-1] - reg.theta_potential)

@@ -46,7 +46,9 @@ class Run(NamedTuple):
 
 def controller_of(kind: str, robot: ea.Robot, noise: bool) -> tuple[Any, Any]:
     """A controller and its theta0."""
-    known = {"position_noise": NOISE.position, "velocity_noise": NOISE.velocity} if noise else {}
+    known: dict[str, Any] = {}
+    if noise:
+        known = {"position_noise": NOISE.position, "velocity_noise": NOISE.velocity}
     composite = ea.CompositeController.for_robot(robot, DT, **known)
     if kind == "composite":
         return composite, None

@@ -23,7 +23,7 @@ from eladapt.estimation.friction import (
     estimate_friction,
 )
 from eladapt.estimation.mixing import Directional
-from eladapt.estimation.payload import PayloadEstimate, estimate_payload
+from eladapt.estimation.payload import PayloadEstimate, completed, estimate_payload
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.robot.model import Robot
 from eladapt.robot.regressors import Regressors
@@ -236,8 +236,9 @@ class CompositeController:
     def payload(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
         """The load that came or went with the last change noticed, in ``frame`` (the tool if None).
 
-        Standard deviations are those of noise in the measured velocity, which the filters leave white.
-        Raises ArgumentError when the controller has noticed no change.
+        Weighed by least squares on what was seen before and since. Standard deviations are those of noise
+        in the measured velocity, which the filters leave white; the bias that noise makes where the arm
+        hardly moved is not in them. Raises ArgumentError when the controller has noticed no change.
         """
         change = state.change
         if change is None or change.noticed == 0:
@@ -245,9 +246,12 @@ class CompositeController:
                 "state: expected one in which a change was noticed; state.change says none was"
             )
         rows = state.filters.y.size * max(1, change.steps)
+        before = completed(change.theta_before, change.information_before)
+        after = completed(state.theta, state.information)
+        samples = rows if rows > len(self.regressors) else None
         return estimate_payload(
-            self.regressors, change.theta_before, state.theta, state.information,
-            change.information_before, samples=rows if rows > len(self.regressors) else None, frame=frame,
+            self.regressors, before, after, state.information, change.information_before,
+            samples=samples, frame=frame,
         )  # fmt: skip
 
     def _advance(

@@ -54,8 +54,8 @@ class Hardware:
 
     def of(self, nv: int) -> Hardware:
         """The same by joint, noise (nv,). Raises ArgumentError where there are not nv of them."""
-        by_joint = {n: require_gain(n, getattr(self, n), nv, zero=True) for n in NOISES}
-        return dataclasses.replace(self, **by_joint)
+        position, velocity = (require_gain(n, getattr(self, n), nv, zero=True) for n in NOISES)
+        return dataclasses.replace(self, position_noise=position, velocity_noise=velocity)
 
 
 def choose_horizon(

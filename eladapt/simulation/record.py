@@ -182,7 +182,7 @@ class Recorder:
             labels = regressors.labels[len(regressors) - size :]
             true = regressors.theta[len(regressors) - size :]
         course = None
-        if true is not None and self.payload is not None:
+        if regressors is not None and true is not None and self.payload is not None:
             loaded = regressors.theta_of(self.payload.loaded(self.robot))[len(regressors) - size :]
             held = np.array([self.payload.held(t) for t in columns["t"]])
             course = np.where(held[:, None], loaded, true)

@@ -28,10 +28,12 @@ class Controller(Protocol):
 class Plant(Protocol):
     """What `simulate` needs of a plant: the same face for every simulator. q, v: the true state."""
 
-    robot: Robot
-    q: np.ndarray
-    v: np.ndarray
-
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def q(self) -> np.ndarray: ...
+    @property
+    def v(self) -> np.ndarray: ...
     def reset(self) -> Measurement: ...
     def step(self, tau: np.ndarray, dt: float) -> Measurement: ...
 
