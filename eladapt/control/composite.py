@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
+from eladapt.control.hardware import Hardware
 from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import Change, ChangeDetector
@@ -25,7 +26,7 @@ from eladapt.estimation.friction import (
     estimate_friction,
 )
 from eladapt.estimation.mixing import Directional
-from eladapt.estimation.payload import PayloadEstimate, estimate_payload
+from eladapt.estimation.payload import PayloadEstimate, completed, estimate_payload
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.robot.model import Robot
 from eladapt.robot.regressors import Regressors
@@ -130,6 +131,10 @@ class CompositeController:
         robot: Robot,
         dt: float = 1e-3,
         *,
+        position_noise: float | np.ndarray = 0.0,
+        velocity_noise: float | np.ndarray = 0.0,
+        delay: float = 0.0,
+        velocity_lag: float = 0.0,
         friction: bool | Literal["viscous", "coulomb"] = False,
         friction_feedforward: bool = True,
         compiled: bool = False,
@@ -137,7 +142,11 @@ class CompositeController:
     ) -> CompositeController:
         """Every gain derived from the URDF, for steps of dt [s]; those ``given`` by name are kept.
 
-        Names: P, D, D_L, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of
+        position_noise [rad], velocity_noise [rad/s], delay [s], velocity_lag [s]: what is known of the
+        hardware, see `eladapt.control.hardware.Hardware`; the control law's horizon, the information floor
+        and the speed below which a joint counts as stuck follow from it.
+
+        Names: P, D, D_L, horizon, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of
         `eladapt.control.gains.Gains`. ``print(controller.gains)`` says which rule set each. Raises
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
 
@@ -146,18 +155,27 @@ class CompositeController:
         ``fast``) compiles what is written in Python, see benchmarks/results/step_cost.md.
         """
         regressors = Regressors(robot, friction=friction)
-        gains = derive_gains(regressors, dt, given)
+        hardware = Hardware(position_noise, velocity_noise, delay, velocity_lag)
+        gains = derive_gains(regressors, dt, given, hardware)
         compensation = None
         if friction and friction_feedforward:
             limit = 0.5 * effort(robot, extremes(robot))
-            compensation = FrictionCompensation(regressors, limit)
+            still = max(1e-4, 3 * float(np.max(hardware.position_noise)))
+            # A velocity predicted a horizon ahead: 1 rad/s^2 is what it tells from rest.
+            compensation = FrictionCompensation(regressors, limit, speed=gains.horizon, tolerance=still)
         return cls(
             regressors=regressors,
-            regression=ForceBalance(regressors, gains.pole, weight=gains.row_weight, compiled=compiled),
+            regression=ForceBalance(
+                regressors,
+                gains.pole,
+                gains.row_weight,
+                stiction_speed=max(0.01, 5 * float(np.max(hardware.velocity_noise))),
+                compiled=compiled,
+            ),
             extension=LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0, compiled),
             mixing=Directional(compiled),
             law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon, compiled=compiled),
-            control=FiniteTimePD(gains.P, gains.D, gains.D_L, compiled=compiled),
+            control=FiniteTimePD(gains.P, gains.D, gains.D_L, horizon=gains.horizon, compiled=compiled),
             effort_limit=robot.effort_limit,
             detector=ChangeDetector(),
             gains=gains,
@@ -234,8 +252,9 @@ class CompositeController:
     def payload(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
         """The load that came or went with the last change noticed, in ``frame`` (the tool if None).
 
-        Standard deviations are those of noise in the measured velocity, which the filters leave white.
-        Raises ArgumentError when the controller has noticed no change.
+        Weighed by least squares on what was seen before and since. Standard deviations are those of noise
+        in the measured velocity, which the filters leave white; the bias that noise makes where the arm
+        hardly moved is not in them. Raises ArgumentError when the controller has noticed no change.
         """
         change = state.change
         if change is None or change.noticed == 0:
@@ -243,9 +262,12 @@ class CompositeController:
                 "state: expected one in which a change was noticed; state.change says none was"
             )
         rows = state.filters.y.size * max(1, change.steps)
+        before = completed(change.theta_before, change.information_before)
+        after = completed(state.theta, state.information)
+        samples = rows if rows > len(self.regressors) else None
         return estimate_payload(
-            self.regressors, change.theta_before, state.theta, state.information,
-            change.information_before, samples=rows if rows > len(self.regressors) else None, frame=frame,
+            self.regressors, before, after, state.information, change.information_before,
+            samples=samples, frame=frame,
         )  # fmt: skip
 
     @functools.cached_property

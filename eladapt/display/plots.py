@@ -174,7 +174,10 @@ def _estimates(axes: Axes, record: Record) -> None:
     for index, column in enumerate(record.theta.T):
         colour = _look(index)["color"]
         axes.plot(*_reduced(record.t, column), color=colour)
-        if record.theta_true is not None:
+        if record.theta_true_course is not None:
+            true = _reduced(record.t, record.theta_true_course[:, index])
+            axes.plot(*true, color=colour, linestyle=(0, (4, 3)), linewidth=0.8)
+        elif record.theta_true is not None:
             axes.axhline(record.theta_true[index], color=colour, linestyle=(0, (4, 3)), linewidth=0.8)
 
 

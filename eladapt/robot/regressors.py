@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_vector
 from eladapt.robot.model import Robot
@@ -100,6 +101,21 @@ class Regressors:
         blocks = [self.robot.damping] * self.viscous + [self.robot.friction] * self.coulomb
         theta[self.n_inertial : self.n_inertial + self.n_friction] = np.concatenate([*blocks, []])
         return self.scale * theta
+
+    def theta_of(self, model: pin.Model) -> np.ndarray:
+        """(l,) the parameters of another model of the same arm, as one with a load is; friction and
+        armature are this robot's. Raises ArgumentError for a model with other joints."""
+        if list(model.names) != list(self.robot.model.names):
+            raise ArgumentError(
+                f"model: expected the joints {list(self.robot.model.names)}, got {list(model.names)}"
+            )
+        standard = self._standard.parameters.copy()
+        bodies = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
+        change = np.zeros_like(standard)
+        change[: 10 * len(bodies)] = np.concatenate(bodies) - standard[: 10 * len(bodies)]
+        theta = self.theta
+        theta[self._inertial] += self.scale[self._inertial] * (self.basis.projection @ change)
+        return theta
 
     @property
     def theta_potential(self) -> np.ndarray:

@@ -15,12 +15,13 @@ import numpy as np
 from eladapt.errors import ArgumentError, RecordError
 from eladapt.files import atomic_write
 from eladapt.robot.model import Robot
+from eladapt.simulation.disturbances import Payload
 
 FORMAT = 1
 ARRAYS = (
     "t", "q", "v", "tau", "goal", "error", "theta", "delta", "zeta", "zeta_integral", "effort_limit",
 )  # fmt: skip
-OPTIONAL_ARRAYS = ("theta_true", "level")
+OPTIONAL_ARRAYS = ("theta_true", "theta_true_course", "level")
 
 
 class Metrics(NamedTuple):
@@ -37,8 +38,9 @@ class Metrics(NamedTuple):
 class Record:
     """N samples of a run. q and v are the plant's true state, tau what was commanded at the sample.
 
-    theta_true is what the estimates should become, where it is known. ``configuration`` says what
-    made the record: controller, robot and versions, in plain JSON types.
+    theta_true is what the estimates should become, where it is known, with the load that hangs on the arm
+    at the end; where a load came or went, theta_true_course has it sample by sample. ``configuration``
+    says what made the record: controller, robot and versions, in plain JSON types.
     """
 
     t: np.ndarray  # (N,) [s]
@@ -59,6 +61,7 @@ class Record:
     robot_source: dict[str, Any]
     title: str
     configuration: dict[str, Any]
+    theta_true_course: np.ndarray | None = None  # (N, j), where a load changes theta_true
     level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated, if kept
     final_state: Any = dataclasses.field(default=None, repr=False)  # the controller's last; not saved
 
@@ -70,7 +73,7 @@ class Record:
         """(N, j) estimate less true value. Raises RecordError where the true value is not known."""
         if self.theta_true is None:
             raise RecordError(f"record {self.title!r} does not know the true parameters")
-        return self.theta - self.theta_true
+        return self.theta - (self.theta_true if self.theta_true_course is None else self.theta_true_course)
 
     def settling_time(self, threshold: float = 1e-3) -> float:
         """[s] from when on every |e_i| stays below ``threshold`` [rad]; inf if it does not."""
@@ -135,8 +138,12 @@ class Record:
 class Recorder:
     """Collects samples while a run goes on; `record` can be called at any time."""
 
-    def __init__(self, robot: Robot, controller: Any, dt: float, capacity: int, title: str):
+    def __init__(
+        self, robot: Robot, controller: Any, dt: float, capacity: int, title: str,
+        payload: Payload | None = None,
+    ):  # fmt: skip
         self.robot, self.controller, self.dt, self.title = robot, controller, dt, title
+        self.payload = payload
         self.count, self.capacity = 0, capacity
         self._columns: dict[str, np.ndarray] = {}
         self._state: Any = None
@@ -174,10 +181,17 @@ class Recorder:
             size = columns["theta"].shape[1]
             labels = regressors.labels[len(regressors) - size :]
             true = regressors.theta[len(regressors) - size :]
+        course = None
+        if regressors is not None and true is not None and self.payload is not None:
+            loaded = regressors.theta_of(self.payload.loaded(self.robot))[len(regressors) - size :]
+            held = np.array([self.payload.held(t) for t in columns["t"]])
+            course = np.where(held[:, None], loaded, true)
+            true = course[-1].copy()
         return Record(
-            **columns, level=level, final_state=self._state, effort_limit=self.robot.effort_limit, dt=self.dt,
-            joint_names=self.robot.joint_names, theta_labels=tuple(labels), theta_true=true,
-            robot_source=self.robot.source, title=self.title or self.robot.name,
+            **columns, level=level, theta_true_course=course, final_state=self._state,
+            effort_limit=self.robot.effort_limit, dt=self.dt, joint_names=self.robot.joint_names,
+            theta_labels=tuple(labels), theta_true=true, robot_source=self.robot.source,
+            title=self.title or self.robot.name,
             configuration={"controller": describe(self.controller), "versions": versions()},
         )  # fmt: skip
 

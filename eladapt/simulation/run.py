@@ -28,10 +28,12 @@ class Controller(Protocol):
 class Plant(Protocol):
     """What `simulate` needs of a plant: the same face for every simulator. q, v: the true state."""
 
-    robot: Robot
-    q: np.ndarray
-    v: np.ndarray
-
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def q(self) -> np.ndarray: ...
+    @property
+    def v(self) -> np.ndarray: ...
     def reset(self) -> Measurement: ...
     def step(self, tau: np.ndarray, dt: float) -> Measurement: ...
 
@@ -57,7 +59,7 @@ def simulate(
     steps = round(require_number("duration", duration, 0) / dt)
     robot = plant.robot
     goal_at = goal if callable(goal) else (lambda _t: goal)
-    recorder = Recorder(robot, controller, dt, steps + 1, title)
+    recorder = Recorder(robot, controller, dt, steps + 1, title, getattr(plant, "payload", None))
     measurement = plant.reset()
     state = controller.init(measurement, theta0)
     bar = tqdm(range(steps + 1), desc=title or robot.name, unit="step", disable=not progress, leave=False)
