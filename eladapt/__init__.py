@@ -26,6 +26,7 @@ from eladapt.robot.parameters import ParameterBasis
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
 from eladapt.simulation.disturbances import Friction, Noise, Payload
+from eladapt.simulation.many import simulate_many
 from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
@@ -70,6 +71,7 @@ __all__ = [
     "robots",
     "settling_bounds",
     "simulate",
+    "simulate_many",
     "view",
 ]
 
