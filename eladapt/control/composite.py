@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from eladapt.control.disturbance import DisturbanceEstimate, DisturbanceState
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
 from eladapt.control.hardware import Hardware
@@ -68,6 +69,7 @@ class ControllerState(NamedTuple):
     excitation: Excitation
     change: Change | None = None  # what the detector noticed
     compensation: CompensationState | None = None  # what is fed forward against friction
+    disturbance: DisturbanceState | None = None  # what the law's prediction lacks
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +81,9 @@ class CompositeController:
     so clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped.
     detector: notices a load that comes or goes; filters and information then start afresh, and the
     estimate goes on from where it was. compensation: feeds friction forward, at the velocity w that the
-    law is about to make, M (w - v) = H tau. gains: which rule set each gain, where `for_robot` did.
+    law is about to make, M (w - v) = H tau. disturbance: lets the semi-implicit law's prediction know what
+    holds the arm; not together with compensation, which takes that away, nor with another evaluation.
+    gains: which rule set each gain, where `for_robot` did.
     """
 
     regressors: Regressors
@@ -92,6 +96,7 @@ class CompositeController:
     detector: ChangeDetector | None = None
     gains: Gains | None = None
     compensation: FrictionCompensation | None = None
+    disturbance: DisturbanceEstimate | None = None
 
     def __post_init__(self) -> None:
         nv, j = self.regressors.robot.nv, self.regressors.n_potential
@@ -109,6 +114,13 @@ class CompositeController:
         if isinstance(self.mixing, Directional) and not self.law.scalar_rate:
             raise ArgumentError(
                 "Gamma, Upsilon: Directional mixing needs one common value of Gamma * Upsilon"
+            )
+        if self.disturbance and (
+            self.compensation or getattr(self.control, "evaluation", "") != "semi_implicit"
+        ):
+            raise ArgumentError(
+                "disturbance: expected None with a compensation, or with a law that is not evaluated "
+                "semi-implicitly; dataclasses.replace(controller, disturbance=None) leaves it out"
             )
         limit = np.asarray(self.effort_limit, dtype=float)
         if limit.shape not in ((), (nv,)) or np.isnan(limit).any() or np.any(limit <= 0):
@@ -170,6 +182,7 @@ class CompositeController:
             detector=ChangeDetector(),
             gains=gains,
             compensation=compensation,
+            disturbance=None if compensation else DisturbanceEstimate(),
         )
 
     @property
@@ -190,9 +203,11 @@ class CompositeController:
         excitation = GateMonitor().init(np.size(mixed.delta))
         change = self.detector.init(information, j) if self.detector else None
         compensation = self.compensation.init() if self.compensation else None
+        disturbance = self.disturbance.init(self.robot.nv) if self.disturbance else None
         return ControllerState(
-            measurement, theta, filters, empty, information, mixed, excitation, change, compensation
-        )
+            measurement, theta, filters, empty, information, mixed, excitation, change, compensation,
+            disturbance,
+        )  # fmt: skip
 
     def step(
         self, state: ControllerState, measurement: Measurement, goal: np.ndarray, dt: float
@@ -215,12 +230,17 @@ class CompositeController:
                 f"measurement.t: expected {state.measurement.t} s or later, got {measurement.t} s"
             )
         mass_matrix = self.robot.mass_matrix(measurement.q)
-        feedback = self.control.torque(e1, measurement.v, mass_matrix, dt)
+        v, gravity, disturbance = measurement.v, psi @ state.theta, state.disturbance
+        if self.disturbance and disturbance:
+            horizon = max(dt, getattr(self.control, "horizon", None) or dt)
+            v = self.disturbance.velocity(disturbance, v, mass_matrix, horizon)
+            state = state._replace(disturbance=disturbance._replace(known=gravity))
+        feedback = self.control.torque(e1, v, mass_matrix, dt)
         if self.compensation and state.compensation:
             horizon = max(dt, getattr(self.control, "horizon", None) or dt)
             predicted = measurement.v + horizon * np.linalg.solve(mass_matrix, feedback)
             feedback = feedback + self.compensation.torque(state.compensation, measurement.v, predicted)
-        tau = np.clip(feedback + psi @ state.theta, -self.effort_limit, self.effort_limit)
+        tau = np.clip(feedback + gravity, -self.effort_limit, self.effort_limit)
         return state, tau
 
     def friction(self, state: ControllerState) -> FrictionEstimate:
@@ -274,6 +294,14 @@ class CompositeController:
             compensation = self.compensation.step(
                 compensation, information, before, measurement, known, e1, dt
             )
+        disturbance = state.disturbance
+        if self.disturbance and disturbance:
+            _, q, v, tau = measurement
+            inertial = self.robot.inverse_dynamics(q, v, (v - state.measurement.v) / dt) - self.robot.gravity(
+                q
+            )
+            disturbance = self.disturbance.step(disturbance, inertial, tau, dt)
         return ControllerState(
-            measurement, theta, filters, regression, information, mixed, excitation, change, compensation
-        )
+            measurement, theta, filters, regression, information, mixed, excitation, change, compensation,
+            disturbance,
+        )  # fmt: skip
