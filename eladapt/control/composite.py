@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from eladapt.control.disturbance import DisturbanceEstimate, DisturbanceState
+from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
 from eladapt.control.hardware import Hardware
@@ -69,7 +69,7 @@ class ControllerState(NamedTuple):
     excitation: Excitation
     change: Change | None = None  # what the detector noticed
     compensation: CompensationState | None = None  # what is fed forward against friction
-    disturbance: DisturbanceState | None = None  # what the law's prediction lacks
+    disturbance: np.ndarray | None = None  # (nv,) [N m] what the law's prediction lacks
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,17 +230,16 @@ class CompositeController:
                 f"measurement.t: expected {state.measurement.t} s or later, got {measurement.t} s"
             )
         mass_matrix = self.robot.mass_matrix(measurement.q)
-        v, gravity, disturbance = measurement.v, psi @ state.theta, state.disturbance
-        if self.disturbance and disturbance:
+        v = measurement.v
+        if self.disturbance and state.disturbance is not None:
             horizon = max(dt, getattr(self.control, "horizon", None) or dt)
-            v = self.disturbance.velocity(disturbance, v, mass_matrix, horizon)
-            state = state._replace(disturbance=disturbance._replace(known=gravity))
+            v = self.disturbance.velocity(state.disturbance, v, mass_matrix, horizon)
         feedback = self.control.torque(e1, v, mass_matrix, dt)
         if self.compensation and state.compensation:
             horizon = max(dt, getattr(self.control, "horizon", None) or dt)
             predicted = measurement.v + horizon * np.linalg.solve(mass_matrix, feedback)
             feedback = feedback + self.compensation.torque(state.compensation, measurement.v, predicted)
-        tau = np.clip(feedback + gravity, -self.effort_limit, self.effort_limit)
+        tau = np.clip(feedback + psi @ state.theta, -self.effort_limit, self.effort_limit)
         return state, tau
 
     def friction(self, state: ControllerState) -> FrictionEstimate:
@@ -295,12 +294,13 @@ class CompositeController:
                 compensation, information, before, measurement, known, e1, dt
             )
         disturbance = state.disturbance
-        if self.disturbance and disturbance:
+        if self.disturbance and disturbance is not None:
             _, q, v, tau = measurement
             inertial = self.robot.inverse_dynamics(q, v, (v - state.measurement.v) / dt) - self.robot.gravity(
                 q
             )
-            disturbance = self.disturbance.step(disturbance, inertial, tau, dt)
+            feedback = tau - psi @ state.theta
+            disturbance = self.disturbance.step(disturbance, inertial, feedback, dt)
         return ControllerState(
             measurement, theta, filters, regression, information, mixed, excitation, change, compensation,
             disturbance,

@@ -10,26 +10,19 @@ law's: d is not added to it, so the steady error is that of the law itself, (f/P
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from eladapt.errors import require_number
 
 
-class DisturbanceState(NamedTuple):
-    """What the last step assumed, and what came of it."""
-
-    known: np.ndarray  # (nv,) [N m] torque that was applied beside the law's: gravity, compensation
-    disturbance: np.ndarray  # (nv,) [N m] d
-
-
 @dataclass(frozen=True)
 class DisturbanceEstimate:
-    """d = low-pass of M a + C v - (tau - known), a the difference of two measured velocities.
+    """d = low-pass of M a + C v - feedback, a the difference of two measured velocities over their time.
 
-    M and C are the URDF's; known is what the controller added to its law, so d holds friction, contact, and
-    what of gravity and inertia is estimated wrong. Where the model is right, d = 0.
+    M and C are the URDF's; feedback is what of the applied torque the law commanded, all but the gravity
+    that is known. So d holds friction, contact, and what of gravity and inertia is estimated wrong; where the
+    model is right, d = 0.
 
     memory [s]: of the low-pass. Velocity noise s makes about M s / memory of d, which moves the law's
     velocity by s H / memory: less than the noise itself while H is below the memory.
@@ -40,20 +33,14 @@ class DisturbanceEstimate:
     def __post_init__(self) -> None:
         object.__setattr__(self, "memory", require_number("memory", self.memory, 0))
 
-    def init(self, nv: int) -> DisturbanceState:
-        """Nothing is known to push."""
-        return DisturbanceState(np.zeros(nv), np.zeros(nv))
+    def init(self, nv: int) -> np.ndarray:
+        """d = 0 (nv,): nothing is known to push."""
+        return np.zeros(nv)
 
-    def step(
-        self, state: DisturbanceState, inertial: np.ndarray, tau: np.ndarray, dt: float
-    ) -> DisturbanceState:
-        """After the torque tau (nv,) [N m] has acted for dt [s] and made inertial = M a + C v (nv,) [N m]."""
-        missing = inertial - (tau - state.known)
-        share = -np.expm1(-dt / self.memory)
-        return state._replace(disturbance=state.disturbance + share * (missing - state.disturbance))
+    def step(self, d: np.ndarray, inertial: np.ndarray, feedback: np.ndarray, dt: float) -> np.ndarray:
+        """d (nv,) [N m] after feedback (nv,) [N m] was held for dt [s] and made inertial = M a + C v (nv,)."""
+        return d - np.expm1(-dt / self.memory) * (inertial - feedback - d)
 
-    def velocity(
-        self, state: DisturbanceState, v: np.ndarray, mass_matrix: np.ndarray, horizon: float
-    ) -> np.ndarray:
+    def velocity(self, d: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray, horizon: float) -> np.ndarray:
         """v + H M^-1 d (nv,) [rad/s], from which the semi-implicit law's prediction includes d."""
-        return v + horizon * np.linalg.solve(mass_matrix, state.disturbance)
+        return v + horizon * np.linalg.solve(mass_matrix, d)

@@ -37,8 +37,9 @@ def simulate_many(
     works on a copy of its controller, plant and goal: one plant may serve many goals, and threads share
     nothing.
 
-    A rollout that fails, even one whose process in the default pool dies, loses no other: its SimulationError stands in its
-    place, with the index of the rollout in its message and the record until then (``error.record``, None
+    A rollout that fails, even one whose process in the default pool dies, loses no other: its
+    SimulationError stands in its place, with the index of the rollout in its message and the record until then
+    (``error.record``, None
     where there was no sample), and the bar counts it. Raises ArgumentError, before anything runs, for
     sequences of different lengths and for what cannot be copied to another process, such as a lambda.
     """
