@@ -162,10 +162,9 @@ class CompositeController:
         compensation = None
         if friction and friction_feedforward:
             limit = 0.5 * effort(robot, extremes(robot))
-            still = float(np.max(hardware.position_noise)), float(np.max(hardware.velocity_noise))
-            compensation = FrictionCompensation(
-                regressors, limit, tolerance=max(1e-4, 3 * still[0]), speed=max(1e-3, 3 * still[1])
-            )
+            still = max(1e-4, 3 * float(np.max(hardware.position_noise)))
+            # A velocity predicted a horizon ahead: 1 rad/s^2 is what it tells from rest.
+            compensation = FrictionCompensation(regressors, limit, speed=gains.horizon, tolerance=still)
         return cls(
             regressors=regressors,
             regression=ForceBalance(

@@ -155,6 +155,7 @@ def derive_gains(
     if unknown := [name for name in given if name not in names]:
         raise UnknownNameError("gain", unknown, names)
     robot = regressors.robot
+    hardware = hardware.of(robot.nv)
     largest = extremes(robot)
     gravity, inertia = largest
     limit = effort(robot, largest)

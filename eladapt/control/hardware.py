@@ -7,6 +7,7 @@ longer horizon H than the step. What H costs: torque errors f of light joints le
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,7 @@ NOISE_SHARE = 0.04
 # estimate takes seconds (panda: 2.0 s to 5e-3 rad at 1e3, 1.3 s at 1e4).
 NOISE_GATE = 0.01
 LEAST_XI, QUIET_XI = 1e4, 1e8
+NOISES = ("position_noise", "velocity_noise")
 
 
 @dataclass(frozen=True)
@@ -44,11 +46,16 @@ class Hardware:
     velocity_lag: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("position_noise", "velocity_noise"):
+        for name in NOISES:
             object.__setattr__(self, name, require_gain(name, getattr(self, name), zero=True))
         for name in ("delay", "velocity_lag"):
             time = require_number(name, getattr(self, name), 0, np.finfo(float).max, closed=True)
             object.__setattr__(self, name, time)
+
+    def of(self, nv: int) -> Hardware:
+        """The same by joint, noise (nv,). Raises ArgumentError where there are not nv of them."""
+        by_joint = {n: require_gain(n, getattr(self, n), nv, zero=True) for n in NOISES}
+        return dataclasses.replace(self, **by_joint)
 
 
 def choose_horizon(

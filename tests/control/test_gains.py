@@ -1,6 +1,7 @@
 """Gains from the URDF: where each comes from, what is kept, and what is refused."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,6 +78,41 @@ def test_a_massless_wrist_is_refused_by_name():
     model.inertias[7] = type(body)(1e-6 * body.mass, body.lever, 1e-6 * body.inertia)
     with pytest.raises(ArgumentError, match=r"no stable gains.*'panda_joint7'"):
         ea.CompositeController.for_robot(dataclasses.replace(robot, model=model))
+
+
+def written(folder, *changes: tuple[str, str]):
+    """The two-link URDF with texts replaced, as a file of its own."""
+    text = load("two_link").source["urdf"]
+    text = Path(text).read_text() if "<robot" not in text else text
+    for old, new in changes:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path = folder / "arm.urdf"
+    path.write_text(text)
+    return path
+
+
+def test_a_urdf_file_with_a_massless_wrist_is_refused_by_name(tmp_path):
+    """A forearm of a microgram whose centre of mass is off its axis: no step of 1 ms follows its fall."""
+    light = "ixx=\"3e-14\" ixy=\"0\" ixz=\"0\" iyy=\"3e-14\" iyz=\"0\" izz=\"1e-14\""
+    heavy = "ixx=\"0.0033333333333333335\" ixy=\"0\" ixz=\"0\" iyy=\"0.0033333333333333335\" iyz=\"0\" izz=\"0.0001125\""
+    path = written(
+        tmp_path, ('<mass value="1"/>', '<mass value="1e-9"/>'), (heavy, light),
+        ('<origin xyz="0 0 -0.1"/>\n      <mass', '<origin xyz="0 0 -0.00001"/>\n      <mass'),
+    )  # fmt: skip
+    with pytest.raises(ArgumentError, match=r"no stable gains at dt = 0.001 s.*joint 'elbow'.*would do"):
+        ea.CompositeController.for_robot(ea.Robot.from_urdf(path))
+
+
+def test_a_urdf_file_and_a_step_too_long(tmp_path):
+    """The dt offered is taken, and one a tenth longer is not."""
+    robot = ea.Robot.from_urdf(written(tmp_path))
+    with pytest.raises(ArgumentError, match=r"no stable gains at dt = 0.2 s.*joint '\w+'") as caught:
+        ea.CompositeController.for_robot(robot, dt=0.2)
+    offered = float(str(caught.value).split("dt = ")[-1].split(" s")[0])
+    assert ea.CompositeController.for_robot(robot, dt=0.99 * offered).gains is not None
+    with pytest.raises(ArgumentError, match="no stable gains"):
+        ea.CompositeController.for_robot(robot, dt=1.1 * offered)
 
 
 def test_gamma_gives_way_to_sampling():
