@@ -181,7 +181,7 @@ class CompositeController:
             detector=ChangeDetector(),
             gains=gains,
             compensation=compensation,
-            disturbance=None if compensation else DisturbanceEstimate(),
+            disturbance=None if compensation else DisturbanceEstimate.for_horizon(gains.horizon),
         )
 
     @property
@@ -295,9 +295,8 @@ class CompositeController:
         disturbance = state.disturbance
         if self.disturbance and disturbance is not None:
             _, q, v, tau = measurement
-            inertial = self.robot.inverse_dynamics(q, v, (v - state.measurement.v) / dt) - self.robot.gravity(
-                q
-            )
+            acceleration = (v - state.measurement.v) / dt
+            inertial = self.robot.inverse_dynamics(q, v, acceleration) - self.robot.gravity(q)
             feedback = tau - psi @ state.theta
             disturbance = self.disturbance.step(disturbance, inertial, feedback, dt)
         return ControllerState(

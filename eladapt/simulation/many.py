@@ -38,10 +38,10 @@ def simulate_many(
     nothing.
 
     A rollout that fails, even one whose process in the default pool dies, loses no other: its
-    SimulationError stands in its place, with the index of the rollout in its message and the record until then
-    (``error.record``, None
-    where there was no sample), and the bar counts it. Raises ArgumentError, before anything runs, for
-    sequences of different lengths and for what cannot be copied to another process, such as a lambda.
+    SimulationError stands in its place, with the index of the rollout in its message and the record until
+    then (``error.record``, None where there was no sample), and the bar counts it. Raises ArgumentError,
+    before anything runs, for sequences of different lengths and for what cannot be copied to another
+    process, such as a lambda.
     """
     given: dict[str, Any] = {"controller": controller, "plants": plants, "goals": goals}
     given = {name: list(value) if isinstance(value, Iterator) else value for name, value in given.items()}

@@ -94,8 +94,8 @@ def written(folder, *changes: tuple[str, str]):
 
 def test_a_urdf_file_with_a_massless_wrist_is_refused_by_name(tmp_path):
     """A forearm of a microgram whose centre of mass is off its axis: no step of 1 ms follows its fall."""
-    light = "ixx=\"3e-14\" ixy=\"0\" ixz=\"0\" iyy=\"3e-14\" iyz=\"0\" izz=\"1e-14\""
-    heavy = "ixx=\"0.0033333333333333335\" ixy=\"0\" ixz=\"0\" iyy=\"0.0033333333333333335\" iyz=\"0\" izz=\"0.0001125\""
+    light = 'ixx="3e-14" ixy="0" ixz="0" iyy="3e-14" iyz="0" izz="1e-14"'
+    heavy = 'ixx="0.0033333333333333335" ixy="0" ixz="0" iyy="0.0033333333333333335" iyz="0" izz="0.0001125"'
     path = written(
         tmp_path, ('<mass value="1"/>', '<mass value="1e-9"/>'), (heavy, light),
         ('<origin xyz="0 0 -0.1"/>\n      <mass', '<origin xyz="0 0 -0.00001"/>\n      <mass'),
