@@ -15,7 +15,6 @@ import numpy as np
 
 from eladapt.errors import require_number
 
-
 LEAST_MEMORY = 0.03  # [s]
 HORIZONS = 5.0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from typing import Any
 
@@ -16,9 +16,9 @@ from eladapt.simulation.run import Controller, Goal, Plant, simulate
 
 
 def simulate_many(
-    controller: Controller | Sequence[Controller],
-    plants: Plant | Sequence[Plant],
-    goals: Goal | Sequence[Goal],
+    controller: Controller | Iterable[Controller],
+    plants: Plant | Iterable[Plant],
+    goals: Goal | Iterable[Goal],
     duration: float = 5.0,
     dt: float = 1e-3,
     *,
