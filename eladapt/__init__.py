@@ -18,6 +18,7 @@ from eladapt.estimation.excitation import IntervalExcitation
 from eladapt.estimation.extensions import Information, Kreisselmeier, LeastSquares
 from eladapt.estimation.friction import FrictionEstimate
 from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenvalue
+from eladapt.estimation.noise import MeasuredNoise, measure_noise
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.robot.library import names as robots
@@ -47,6 +48,7 @@ __all__ = [
     "Kreisselmeier",
     "LeastSquares",
     "LyapunovFunctions",
+    "MeasuredNoise",
     "Measurement",
     "MixedRegression",
     "MujocoPlant",
@@ -65,6 +67,7 @@ __all__ = [
     "TerminalSliding",
     "certify",
     "estimate_payload",
+    "measure_noise",
     "model_bounds",
     "paper",
     "plot",
