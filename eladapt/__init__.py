@@ -18,6 +18,7 @@ from eladapt.estimation.excitation import IntervalExcitation
 from eladapt.estimation.extensions import Information, Kreisselmeier, LeastSquares
 from eladapt.estimation.friction import FrictionEstimate
 from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenvalue
+from eladapt.estimation.noise import MeasuredNoise, measure_noise
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.robot.library import names as robots
@@ -26,6 +27,7 @@ from eladapt.robot.parameters import ParameterBasis
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
 from eladapt.simulation.disturbances import Friction, Noise, Payload
+from eladapt.simulation.many import simulate_many
 from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
@@ -46,6 +48,7 @@ __all__ = [
     "Kreisselmeier",
     "LeastSquares",
     "LyapunovFunctions",
+    "MeasuredNoise",
     "Measurement",
     "MixedRegression",
     "MujocoPlant",
@@ -64,12 +67,14 @@ __all__ = [
     "TerminalSliding",
     "certify",
     "estimate_payload",
+    "measure_noise",
     "model_bounds",
     "paper",
     "plot",
     "robots",
     "settling_bounds",
     "simulate",
+    "simulate_many",
     "view",
 ]
 

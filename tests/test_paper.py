@@ -39,8 +39,8 @@ def test_run_is_the_paper_to_rounding(name, case, monkeypatch):
 
     Fractional powers amplify rounding (a difference of 1e-16 becomes 1e-8 under a square root), so
     rounding is measured: it is what the independent implementation itself changes by when its pole or its
-    first position moves by the last digit. A hundred roundings a step are allowed for, and no more; and in the first
-    tenth of a second, before anything is amplified, the two agree to 1e-9.
+    first position moves by the last digit. A hundred roundings a step are allowed for, and no more; and in
+    the first tenth of a second, before anything is amplified, the two agree to 1e-9.
     """
     record = paper.run(name, case, duration=1.0, progress=False)
     expected = typeset.run(name, case, **OPEN)

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 import pinocchio as pin
 
+from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
 from eladapt.control.hardware import Hardware
@@ -74,6 +75,7 @@ class ControllerState(NamedTuple):
     excitation: Excitation
     change: Change | None = None  # what the detector noticed
     compensation: CompensationState | None = None  # what is fed forward against friction
+    disturbance: np.ndarray | None = None  # (nv,) [N m] what the law's prediction lacks
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +87,10 @@ class CompositeController:
     so clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped.
     detector: notices a load that comes or goes; filters and information then start afresh, and the
     estimate goes on from where it was. compensation: feeds friction forward, at the velocity w that the
-    law is about to make, M (w - v) = H tau. gains: which rule set each gain, where `for_robot` did.
-    nominal_dt [s]: the step that the gains were made for, None if any will do.
+    law is about to make, M (w - v) = H tau. disturbance: lets the semi-implicit law's prediction know what
+    holds the arm; not together with compensation, which takes that away, nor with another evaluation.
+    gains: which rule set each gain, where `for_robot` did. nominal_dt [s]: the step that the gains were made
+    for, None if any will do.
     """
 
     regressors: Regressors
@@ -100,6 +104,7 @@ class CompositeController:
     gains: Gains | None = None
     compensation: FrictionCompensation | None = None
     nominal_dt: float | None = None
+    disturbance: DisturbanceEstimate | None = None
 
     def __post_init__(self) -> None:
         nv, j = self.regressors.robot.nv, self.regressors.n_potential
@@ -117,6 +122,13 @@ class CompositeController:
         if isinstance(self.mixing, Directional) and not self.law.scalar_rate:
             raise ArgumentError(
                 "Gamma, Upsilon: Directional mixing needs one common value of Gamma * Upsilon"
+            )
+        if self.disturbance and (
+            self.compensation or getattr(self.control, "evaluation", "") != "semi_implicit"
+        ):
+            raise ArgumentError(
+                "disturbance: expected None with a compensation, or with a law that is not evaluated "
+                "semi-implicitly; dataclasses.replace(controller, disturbance=None) leaves it out"
             )
         limit = np.asarray(self.effort_limit, dtype=float)
         if limit.shape not in ((), (nv,)) or np.isnan(limit).any() or np.any(limit <= 0):
@@ -181,6 +193,7 @@ class CompositeController:
             gains=gains,
             compensation=compensation,
             nominal_dt=dt,
+            disturbance=None if compensation else DisturbanceEstimate.for_horizon(gains.horizon),
         )
 
     @property
@@ -201,9 +214,11 @@ class CompositeController:
         excitation = self._monitor.init(np.size(mixed.delta))
         change = self.detector.init(information, j) if self.detector else None
         compensation = self.compensation.init() if self.compensation else None
+        disturbance = self.disturbance.init(self.robot.nv) if self.disturbance else None
         return ControllerState(
-            measurement, theta, filters, empty, information, mixed, excitation, change, compensation
-        )
+            measurement, theta, filters, empty, information, mixed, excitation, change, compensation,
+            disturbance,
+        )  # fmt: skip
 
     def step(
         self, state: ControllerState, measurement: Measurement, goal: np.ndarray, dt: float
@@ -229,9 +244,11 @@ class CompositeController:
         if measurement.t != state.measurement.t:
             state = self._advance(state, measurement, psi, e1, dt)
         mass_matrix = robot.mass_matrix(q, check=False)
+        horizon = max(dt, getattr(self.control, "horizon", None) or dt)
+        if self.disturbance and state.disturbance is not None:
+            v = self.disturbance.velocity(state.disturbance, v, mass_matrix, horizon)
         feedback = self.control.torque(e1, v, mass_matrix, dt)
         if self.compensation and state.compensation:
-            horizon = max(dt, getattr(self.control, "horizon", None) or dt)
             predicted = v + horizon * np.linalg.solve(mass_matrix, feedback)
             feedback = feedback + self.compensation.torque(state.compensation, v, predicted)
         wanted = require_vector("torque of the control law", feedback + psi @ state.theta, robot.nv)
@@ -321,9 +338,18 @@ class CompositeController:
             compensation = self.compensation.step(
                 compensation, information, before, measurement, known, e1, dt
             )
+        disturbance = state.disturbance
+        if self.disturbance and disturbance is not None and not gap:
+            _, q, v, tau = measurement
+            acceleration = (v - before.v) / dt
+            inertial = self.robot.inverse_dynamics(q, v, acceleration, check=False)
+            inertial -= self.robot.gravity(q, check=False)
+            feedback = tau - psi @ state.theta
+            disturbance = self.disturbance.step(disturbance, inertial, feedback, dt)
         return ControllerState(
-            measurement, theta, filters, regression, information, mixed, excitation, change, compensation
-        )
+            measurement, theta, filters, regression, information, mixed, excitation, change, compensation,
+            disturbance,
+        )  # fmt: skip
 
 
 def _elapsed(before: float, now: float, dt: float) -> tuple[float, bool]:

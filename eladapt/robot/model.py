@@ -54,6 +54,13 @@ class Robot:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_data", self.model.createData())
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a pickle holds: all but Pinocchio's scratch, ten times the size of the rest."""
+        return {**vars(self), "_data": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _data=state["model"].createData())
+
     @classmethod
     def from_urdf(
         cls,
@@ -176,13 +183,18 @@ class Robot:
         q, v = self.check_q(q), self.check_v(v)
         return _square(pin.computeCoriolisMatrix(self.model, self._data, q, v), self.nv)
 
-    def gravity(self, q: np.ndarray) -> np.ndarray:
-        """g(q) = grad U(q) (nv,) (209)."""
-        return np.array(pin.computeGeneralizedGravity(self.model, self._data, self.check_q(q)))
+    def gravity(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
+        """g(q) = grad U(q) (nv,) (209). check: whether q is to be validated."""
+        return np.array(
+            pin.computeGeneralizedGravity(self.model, self._data, self.check_q(q) if check else q)
+        )
 
-    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """M a + C v + g (nv,)."""
-        q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
+    def inverse_dynamics(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, check: bool = True
+    ) -> np.ndarray:
+        """M a + C v + g (nv,). check: whether the arguments are to be validated."""
+        if check:
+            q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
         return np.array(pin.rnea(self.model, self._data, q, v, a))
 
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
