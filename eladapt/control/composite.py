@@ -233,6 +233,15 @@ class CompositeController:
             change.information_before, samples=rows if rows > len(self.regressors) else None, frame=frame,
         )  # fmt: skip
 
+    def carried(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
+        """What the arm carries beyond the URDF's own bodies, in ``frame`` (the tool if None).
+
+        The estimate less the URDF's parameters, where it was excited; right if the URDF's masses are.
+        """
+        regressors = self.regressors
+        nominal = regressors.theta_potential
+        return estimate_payload(regressors, nominal, state.theta, state.information, frame=frame)
+
     def _advance(
         self, state: ControllerState, measurement: Measurement, psi: np.ndarray, e1: np.ndarray, dt: float
     ) -> ControllerState:
