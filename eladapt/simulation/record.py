@@ -20,7 +20,7 @@ FORMAT = 1
 ARRAYS = (
     "t", "q", "v", "tau", "goal", "error", "theta", "delta", "zeta", "zeta_integral", "effort_limit",
 )  # fmt: skip
-OPTIONAL_ARRAYS = ("theta_true", "level", "load")
+OPTIONAL_ARRAYS = ("theta_true", "level", "carried")
 LOAD_PERIOD = 1 / 30  # [s] between the samples of the estimated load: as often as it is drawn
 
 
@@ -61,7 +61,7 @@ class Record:
     title: str
     configuration: dict[str, Any]
     level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated, if kept
-    load: np.ndarray | None = None  # (m, 6) t [s], estimated mass [kg], its centre [m], misfit; if any was felt
+    carried: np.ndarray | None = None  # (m, 6) t [s], estimated mass [kg], its centre [m], misfit; if any was felt
     final_state: Any = dataclasses.field(default=None, repr=False)  # the controller's last; not saved
 
     def __len__(self) -> int:
@@ -182,7 +182,7 @@ class Recorder:
             labels = regressors.labels[len(regressors) - size :]
             true = regressors.theta[len(regressors) - size :]
         return Record(
-            **columns, level=level, load=self._load(), final_state=self._state,
+            **columns, level=level, carried=self._carried(), final_state=self._state,
             effort_limit=self.robot.effort_limit, dt=self.dt,
             joint_names=self.robot.joint_names, theta_labels=tuple(labels), theta_true=true,
             robot_source=self.robot.source, title=self.title or self.robot.name,
@@ -193,7 +193,7 @@ class Recorder:
             },
         )  # fmt: skip
 
-    def _load(self) -> np.ndarray | None:
+    def _carried(self) -> np.ndarray | None:
         """The load over time, where the plant has one or the controller noticed one."""
         estimate = getattr(self.controller, "carried", None)
         change = getattr(self._state, "change", None)
