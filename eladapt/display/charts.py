@@ -70,14 +70,15 @@ def learning(record: Record) -> list[Any]:
                 level(estimates, bound, colour, "dotted")
         charts.append(estimates)
         if record.theta_true is not None:
-            error = chart(f"distance of θ from {true}", "|θ − true| [N m]", x, log=True)
+            error = chart(f"distance of θ from {true}", "|θ - true| [N m]", x, log=True)
             lines(error, t, np.abs(record.theta_error), numbers, log=True, solid=True)
             charts.append(error)
     if width := record.delta.shape[1]:
-        ways = [f"direction {number}" if width > 1 else "Δ" for number in range(1, width + 1)]
-        delta = chart("excitation Δ, logarithmic", "Δ [-]", x, log=True)
+        ways = [f"{number}" for number in range(1, width + 1)]
+        each = ", by direction" if width > 1 else ""
+        delta = chart(f"excitation Δ{each}, logarithmic", "Δ [-]", x, log=True)
         lines(delta, t, np.abs(record.delta), ways, log=True)
-        gates = chart("gates ζ, 0 shut, 1 open", "ζ [-]", x)
+        gates = chart(f"gates ζ{each}", "ζ [-]", x)
         lines(gates, t, record.zeta, ways)
         charts += [delta, gates]
     if record.carried is not None and len(record.carried):
@@ -95,7 +96,7 @@ def comparison(records: Sequence[Record], labels: Sequence[str]) -> list[Any]:
         ("largest position error of all joints", "max |e| [rad]", True, lambda r: r.error),
         ("largest velocity of all joints", "max |v| [rad/s]", False, lambda r: r.v),
         ("largest torque of all joints", "max |τ| [N m]", False, lambda r: r.tau),
-        ("largest error of a gravity parameter", "max |θ − true| [N m]", True,
+        ("largest error of a gravity parameter", "max |θ - true| [N m]", True,
          lambda r: r.theta_error if r.theta_true is not None and r.theta.shape[1] else None),
     ]  # fmt: skip
     charts, x = [], _time(longest)

@@ -119,7 +119,8 @@ class LiveView:
             self._next = np.inf
 
     def _started(self, wanted: dict[str, Any]) -> str:
-        assert self._server.stdin is not None and self._server.stdout is not None
+        assert self._server.stdin is not None
+        assert self._server.stdout is not None
         self._server.stdin.write(json.dumps(wanted).encode() + b"\n")
         self._server.stdin.flush()
         ready, _, _ = select.select([self._server.stdout], [], [], STARTUP)

@@ -16,11 +16,8 @@ import sys
 from typing import Any
 
 import numpy as np
-import tornado.httpserver
-import tornado.netutil
-import tornado.web
-import tornado.websocket
 from meshcat import geometry as draw
+from tornado import httpserver, netutil, web, websocket
 
 from eladapt.display import loads
 from eladapt.display.live import FRAMES_PER_SECOND, HEAD
@@ -105,14 +102,14 @@ class Stage:
         return self.scene.commands
 
 
-class _Page(tornado.web.RequestHandler):
+class _Page(web.RequestHandler):
     def get(self) -> None:
         if self.request.host not in self.settings["hosts"]:  # another name: a page of somebody else
-            raise tornado.web.HTTPError(404)
+            raise web.HTTPError(404)
         self.write(self.settings["stage"].page(self.settings["title"], self.settings["stream"]))
 
 
-class _Stream(tornado.websocket.WebSocketHandler):
+class _Stream(websocket.WebSocketHandler):
     written: Any = None  # resolves when the browser has taken the last frame
 
     def check_origin(self, origin: str) -> bool:
@@ -134,7 +131,7 @@ class _Stream(tornado.websocket.WebSocketHandler):
         """Send a frame, or leave it out while the last one is still on its way."""
         if self.written is not None and not self.written.done():
             return
-        with contextlib.suppress(tornado.websocket.WebSocketClosedError):
+        with contextlib.suppress(websocket.WebSocketClosedError):
             for command in commands:
                 self.written = self.write_message(command, binary=True)
 
@@ -144,7 +141,7 @@ async def serve(inbox: socket.socket, wanted: dict[str, Any]) -> None:
     robot = Robot.from_source(wanted["robot"])
     stage = Stage(robot)
     try:
-        sockets = tornado.netutil.bind_sockets(wanted["port"], LOOPBACK)
+        sockets = netutil.bind_sockets(wanted["port"], LOOPBACK)
     except (OSError, OverflowError) as reason:
         port = wanted["port"]
         raise EladaptError(f"port {port}: nothing can be served there: {reason}") from reason
@@ -152,11 +149,11 @@ async def serve(inbox: socket.socket, wanted: dict[str, Any]) -> None:
     clients: set[_Stream] = set()
     hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
     routes = [("/", _Page), ("/stream", _Stream)]
-    application = tornado.web.Application(
+    application = web.Application(
         routes, stage=stage, clients=clients, hosts=hosts, title=robot.name,
         stream=f"ws://{LOOPBACK}:{port}/stream", log_function=lambda _handler: None,
     )  # fmt: skip
-    tornado.httpserver.HTTPServer(application).add_sockets(sockets)
+    httpserver.HTTPServer(application).add_sockets(sockets)
     done = asyncio.Event()
     loop = asyncio.get_running_loop()
 

@@ -7,8 +7,8 @@ import html as escaping
 import json
 import threading
 from http.server import BaseHTTPRequestHandler
-from socketserver import ThreadingTCPServer
 from pathlib import Path
+from socketserver import ThreadingTCPServer
 from string import Template
 from typing import Any
 
@@ -43,11 +43,15 @@ const viewer = new MeshCat.Viewer(document.getElementById("pane"));
 for (const command of $commands)
   viewer.handle_command_bytearray(Uint8Array.from(atob(command), letter => letter.charCodeAt(0)));
 const camera = $camera;
-const distance = camera.distance * Math.max(1, innerHeight / innerWidth);
-viewer.camera.fov = camera.angle;
-viewer.camera.position.set(...camera.target.map((x, i) => x + distance * camera.towards[i]));
-viewer.controls.target.set(...camera.target);
-viewer.controls.update();
+const place = () => {
+  const distance = camera.distance * Math.max(1, innerHeight / innerWidth);
+  viewer.camera.fov = camera.angle;
+  viewer.camera.position.set(...camera.target.map((x, i) => x + distance * camera.towards[i]));
+  viewer.controls.target.set(...camera.target);
+  viewer.controls.update();
+};
+if (innerWidth > 0) place();
+else addEventListener("resize", place, {once: true});  // in a frame that is not yet shown
 $stream
 </script>
 </body>
@@ -58,7 +62,7 @@ $stream
 def filled(
     scene: Scene, camera: dict[str, Any], title: str, about: str, load: str, stream: str | None = None
 ) -> str:
-    """The page of a scene. load: what the legend says behind the estimated load, which it leaves out if empty.
+    """The page of a scene. load: what the legend says behind the estimated load; nothing of it if empty.
     ``stream`` is the address of the websocket from which it goes on, if any."""
     return PAGE.substitute(
         policy=POLICY if stream is None else f"{POLICY}; connect-src {stream}",

@@ -33,7 +33,7 @@ except ImportError as reason:
 TEMPLATE = (
     '{% block preamble %}<meta http-equiv="Content-Security-Policy" content="'
     + POLICY
-    + '"><meta name="viewport" content="width=device-width"><style>body { margin: 14px }</style>{% endblock %}'
+    + '"><style>body { margin: 14px }</style>{% endblock %}'
 )
 FRAME_STYLE = ".bk-clearfix { display: block; width: 100% } iframe { width: 100%; height: 78vh; border: 0 }"
 
@@ -99,7 +99,10 @@ def _sections(
     motion, learnt = charts.motion(record), charts.learning(record)
     sections = [
         ("Motion", _charts(motion)),
-        ("Learning", column(*([_charts(learnt)] if learnt else []), _text(tables.parameters(record)), **WIDE)),
+        (
+            "Learning",
+            column(*([_charts(learnt)] if learnt else []), _text(tables.parameters(record)), **WIDE),
+        ),
         ("3D", _animation(record)) if animation else None,
         ("Gains", _text(tables.gains(record))),
         ("Certificates", _text(tables.certificates(kept))),

@@ -95,7 +95,13 @@ def certificates(given: Iterable[Mapping[str, Any]]) -> str:
     for certificate in given:
         head = ["condition", "value", "limit", "holds", "note"]
         rows = [
-            [row["name"], figure(row["value"]), figure(row["limit"]), "yes" if row["holds"] else "no", row["note"]]
+            [
+                row["name"],
+                figure(row["value"]),
+                figure(row["limit"]),
+                "yes" if row["holds"] else "no",
+                row["note"],
+            ]
             for row in certificate["rows"]
         ]
         text += f"<h2>{html.escape(certificate['title'])}</h2>"

@@ -83,7 +83,9 @@ def view(
     """
     if live:
         if not isinstance(shown, Robot) or html is not None:
-            raise ArgumentError("live: expected view(robot, live=True), without html; a record is in the past")
+            raise ArgumentError(
+                "live: expected view(robot, live=True), without html; a record is in the past"
+            )
         return LiveView(shown, port=port, load=load)
     if not isinstance(shown, Record):
         raise ArgumentError(f"shown: expected a Record, or a Robot with live=True, got {shown!r}")

@@ -61,7 +61,7 @@ class Record:
     title: str
     configuration: dict[str, Any]
     level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated, if kept
-    carried: np.ndarray | None = None  # (m, 6) t [s], estimated mass [kg], its centre [m], misfit; if any was felt
+    carried: np.ndarray | None = None  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
     final_state: Any = dataclasses.field(default=None, repr=False)  # the controller's last; not saved
 
     def __len__(self) -> int:
