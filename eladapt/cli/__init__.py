@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from eladapt.errors import EladaptError
+from eladapt.errors import EladaptError, UrdfError
 
 EXAMPLES = """examples:
   eladapt robots
@@ -48,6 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as reason:
         where = f"{reason.filename}: " if reason.filename else ""
         return _fail(f"{where}{reason.strerror or reason}")
+    except UrdfError as reason:
+        finding = reason.findings[0]
+        what = f"{finding.problem}. {finding.remedy}" if finding.value == str(reason.path) else str(finding)
+        return _fail(f"{reason.path}: {what}")
     except EladaptError as reason:
         return _fail(str(reason))
 

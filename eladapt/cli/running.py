@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ def run(options: argparse.Namespace) -> None:
     controller = CompositeController.for_robot(robot, dt, friction=FRICTION[options.friction])
     title = robot.name + (f", {options.payload:g} kg" if options.payload is not None else "")
 
+    options.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before the run
     failure = None
     with contextlib.ExitStack() as open_views:
         live: Any = None
@@ -45,7 +47,16 @@ def run(options: argparse.Namespace) -> None:
 
             live = open_views.enter_context(view(robot, live=True, load=controller.carried))
         try:
-            record = simulate(controller, plant, goal, duration, dt, title=title, observer=live)
+            record = simulate(
+                controller,
+                plant,
+                goal,
+                duration,
+                dt,
+                title=title,
+                observer=live,
+                progress=sys.stderr.isatty(),
+            )
         except SimulationError as reason:
             failure, record = reason, reason.record
     if failure is None and not options.no_certificates:

@@ -115,6 +115,8 @@ class Record:
     @classmethod
     def load(cls, path: str | Path) -> Record:
         """Read what `save` wrote. Raises RecordError for anything else."""
+        if Path(path).is_file() and not zipfile.is_zipfile(path):
+            raise RecordError(f"{path}: not a record, or a damaged one; Record.save writes an .npz")
         try:
             with np.load(path, allow_pickle=False) as file:
                 header = json.loads(str(file["header"]))
