@@ -287,6 +287,15 @@ class CompositeController:
             samples=samples, frame=frame,
         )  # fmt: skip
 
+    def carried(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
+        """What the arm carries beyond the URDF's own bodies, in ``frame`` (the tool if None).
+
+        The estimate less the URDF's parameters, where it was excited; right if the URDF's masses are.
+        """
+        regressors = self.regressors
+        nominal = regressors.theta_potential
+        return estimate_payload(regressors, nominal, state.theta, state.information, frame=frame)
+
     @functools.cached_property
     def _monitor(self) -> GateMonitor:
         return GateMonitor(self.law.b, self.law.d)

@@ -163,12 +163,16 @@ class Regressors:
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, check: bool = True) -> np.ndarray:
         """W (nv, l): W @ theta = M a + C v + g + friction, armature included.
 
-        check: whether the arguments are to be validated.
+        check: whether the arguments are to be validated; unchecked ones may have leading axes.
         """
         if check:
             q, v, a = self.robot.check_q(q), self.robot.check_v(v), self.robot.check_v(a, "a")
         if self._one_base:
-            return self._add_friction(self._standard.torque(q, v, a) @ self._kinetic_map, v)
+            standard = self._standard.torque(q, v, a)
+            rows = standard.reshape(-1, standard.shape[-1]) @ self._kinetic_map
+            return self._add_friction(rows.reshape(*v.shape, -1), v)
+        if v.ndim > 1:
+            return np.array([self.torque(*state, check=False) for state in zip(q, v, a, strict=True)])
         return self._assemble(self._standard.kinetic_torque(q, v, a), q, v)
 
     def slotine_li(self, q: np.ndarray, v: np.ndarray, vr: np.ndarray, ar: np.ndarray) -> np.ndarray:
@@ -204,9 +208,9 @@ class Regressors:
     def _add_friction(self, regressor: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The regressor (nv, l), its zero friction columns filled in."""
         if self.viscous:
-            regressor[self._viscous_at] = v
+            regressor[..., *self._viscous_at] = v
         if self.coulomb:
-            regressor[self._coulomb_at] = np.sign(v)
+            regressor[..., *self._coulomb_at] = np.sign(v)
         return regressor
 
     def _spread(self, columns: np.ndarray) -> np.ndarray:

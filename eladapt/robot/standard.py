@@ -59,7 +59,9 @@ class StandardRegressors:
         return bodies + [f"Ir({names[i]})" for i in self._rotors]
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """(nv, s): the regressor of M a + C v + g."""
+        """(nv, s): the regressor of M a + C v + g; with leading axes, of as many states."""
+        if q.ndim > 1:
+            return np.array([self.torque(*state) for state in zip(q, v, a, strict=True)])
         bodies = pin.computeJointTorqueRegressor(self.robot.model, self._data, q, v, a)
         return self._with_rotors(bodies, a)
 
