@@ -79,6 +79,11 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20, help="set-points a robot (default: 20)")
     parser.add_argument("--robots", nargs="*", default=ea.robots(), help="default: all")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument(
+        "--output", default="any_arm",
+        help="name of the table in benchmarks/results, or a path without .md, for a part of the runs "
+        "(default: any_arm)",
+    )  # fmt: skip
     options = parser.parse_args()
     jobs = [(name, seed) for name in options.robots for seed in range(options.runs)]
     with ProcessPoolExecutor(options.jobs) as pool:
@@ -103,7 +108,7 @@ def main() -> None:
         )  # fmt: skip
     good, median = sum(r.good for r in runs), np.median([r.settled for r in runs])
     notes = f"Good: {good} of {len(runs)} ({good / len(runs):.1%}); median settling {median:.2f} s."
-    write("any_arm", "Any arm, nothing to tune", head, rows, notes)
+    write(options.output, "Any arm, nothing to tune", head, rows, notes)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """A robot in another process, driven at 1 kHz over a socket, as through a vendor's fast interface.
 
-MuJoCo plays the arm, in real time, behind UDP on loopback; it knows nothing of the controller, and the controller
-nothing of it but its measurements. Gravity is unknown at first. Writes plot and record under out/, and the
-controller's state, with which --resume starts the next run: it knows gravity from the first sample.
+MuJoCo plays the arm, in real time, behind UDP on loopback; all that the controller knows of it is what it
+measures, and gravity it learns. Writes plot and record under out/, and the controller's state, with which
+--resume starts the next run: that one knows gravity from the first sample.
 """
 
 import argparse
@@ -58,8 +58,8 @@ def main() -> None:
     record = result.record
     print(f"loop: {result.timing}")
     print(f"fault: {result.fault or 'none'}")
-    print(f"all joints below 2e-3 rad after {record.settling_time(2e-3):.2f} s, {np.abs(record.error[-1]).max():.1e} "
-          f"rad left at the end")  # fmt: skip
+    left = np.abs(record.error[-1]).max()
+    print(f"all joints below 2e-3 rad after {record.settling_time(2e-3):.2f} s, {left:.1e} rad at the end")
     ea.plot(record, options.out / "hardware_loop.png")
     record.save(options.out / "hardware_loop.npz")
     print(f"wrote {options.out}/hardware_loop.png, hardware_loop.npz and {saved.name}")

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eladapt.control.hardware import Hardware, choose_floor, choose_horizon
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number
 from eladapt.robot.model import Robot
 from eladapt.robot.regressors import Regressors
@@ -22,6 +23,8 @@ SAMPLES = 200  # configurations over which the extremes of M and g are taken
 # published arms stay below 0.17 (so_arm101), and explicit feedback of a mode diverges at 2.
 RESOLVED = 0.3
 GAMMA, GAMMA_LEAST = 0.2, 0.002
+IDEAL = Hardware()
+FLOOR_SAMPLES = 20  # configurations over which the information that noise makes is taken
 
 
 class Rule(NamedTuple):
@@ -40,6 +43,7 @@ class Gains:
     P: np.ndarray  # [N m/rad^(1/3)]
     D: np.ndarray  # [N m (s/rad)^(1/2)]
     D_L: np.ndarray  # [N m s/rad]
+    horizon: float  # [s] of the semi-implicit law
     pole: float  # [1/s]
     row_weight: np.ndarray  # [1/(N m)]
     alpha: float  # [1/s]
@@ -134,7 +138,12 @@ def fall_mode(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> Mode:
     return fastest
 
 
-def derive_gains(regressors: Regressors, dt: float, given: Mapping[str, Any] | None = None) -> Gains:
+def derive_gains(
+    regressors: Regressors,
+    dt: float,
+    given: Mapping[str, Any] | None = None,
+    hardware: Hardware = IDEAL,
+) -> Gains:
     """Gains for a torque that is held over dt [s]; those ``given`` by name are kept.
 
     Raises UnknownNameError for a name that is no gain, and ArgumentError, which names the joint and the
@@ -146,6 +155,7 @@ def derive_gains(regressors: Regressors, dt: float, given: Mapping[str, Any] | N
     if unknown := [name for name in given if name not in names]:
         raise UnknownNameError("gain", unknown, names)
     robot = regressors.robot
+    hardware = hardware.of(robot.nv)
     largest = extremes(robot)
     gravity, inertia = largest
     limit = effort(robot, largest)
@@ -177,18 +187,22 @@ def derive_gains(regressors: Regressors, dt: float, given: Mapping[str, Any] | N
         "D", 1.5 * P**0.75 * inertia**0.25, "1.5 P^(3/4) max M^(1/4): the same damping at any amplitude"
     )
     D_L = settle("D_L", 0.1 * D, "0.1 D")
+    horizon = settle("horizon", *choose_horizon(hardware, inertia, limit, dt))
     pole = settle("pole", 20.0, "20 1/s: a tenth of a second of motion in the filters")
     row_weight = settle("row_weight", 1 / limit, "1 / effort limit: rows of equal size")
     alpha = settle("alpha", 1.0, "1 1/s on scaled columns")
     beta = settle("beta", 5.0, "5 1/s: forgets in 0.2 s what is known better than needed")
-    xi = settle("xi", 1e8, "1e8 without noise (1e5 with): the information floor 1/xi")
+    postures = _configurations(robot, FLOOR_SAMPLES, 0)
+    xi = settle("xi", *choose_floor(regressors, hardware, postures, row_weight, (pole, alpha, beta)))
     f0 = settle("f0", 1e-3, "1e-3: the prior is worth a millisecond of motion")
-    Gamma = settle("Gamma", *_adaptation_gain(regressors, dt))
+    Gamma = settle("Gamma", *_adaptation_gain(regressors, dt, hardware.delay))
     # |theta_U| is about max |g| in scaled columns: its fractional term arrives within about 0.3 s.
     rate = np.sqrt(3 * max(gravity.max(), 1e-3)) / 0.045
     Upsilon = settle("Upsilon", rate / Gamma, "Gamma Upsilon = sqrt(3 max|g|) / 0.045: arrives within 0.3 s")
-    _require_resolved(fall_mode(robot), dt, "gravity changes")
-    return Gains(P, D, D_L, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, rules=tuple(rules))
+    _require_resolved(fall_mode(robot), dt, hardware.delay, "gravity changes")
+    return Gains(
+        P, D, D_L, horizon, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, rules=tuple(rules)
+    )
 
 
 def derive_sliding_gains(robot: Robot, dt: float) -> SlidingGains:
@@ -206,26 +220,31 @@ def derive_sliding_gains(robot: Robot, dt: float) -> SlidingGains:
     )  # fmt: skip
 
 
-def _adaptation_gain(regressors: Regressors, dt: float) -> tuple[float, str, str]:
+def _adaptation_gain(regressors: Regressors, dt: float, delay: float) -> tuple[float, str, str]:
     """Gamma, its rule and what was active."""
     mode = adaptation_mode(regressors, GAMMA)
-    turned = mode.frequency * dt
+    turned = mode.frequency * (dt + delay)
     largest = GAMMA if turned <= RESOLVED else GAMMA * (RESOLVED / turned) ** 2
     if largest < GAMMA_LEAST:
         slowest = mode.frequency * np.sqrt(GAMMA_LEAST / GAMMA)
-        _require_resolved(Mode(slowest, mode.joint), dt, "adaptation swings")
-    rule = f"0.2, or less so that dt sqrt(lambda_max(M^-1 Psi Gamma Psi')) <= {RESOLVED:g}"
+        _require_resolved(Mode(slowest, mode.joint), dt, delay, "adaptation swings")
+    rule = f"0.2, or less so that (dt + delay) sqrt(lambda_max(M^-1 Psi Gamma Psi')) <= {RESOLVED:g}"
     active = "0.2" if largest == GAMMA else f"sampling, joint {mode.joint}"
     return largest, rule, active
 
 
-def _require_resolved(mode: Mode, dt: float, what: str) -> None:
-    if mode.frequency * dt > RESOLVED:
+def _require_resolved(mode: Mode, dt: float, delay: float, what: str) -> None:
+    if mode.frequency * (dt + delay) > RESOLVED:
+        longest = RESOLVED / mode.frequency
+        late, turns, cure = "", "a step", f"dt = {longest - delay:.2g} s would do"
+        if delay:
+            late, turns = f" and a delay of {delay:g} s", "dt + delay"
+            if longest <= delay:
+                cure = f"no dt would do: a delay below {longest:.2g} s is needed"
         raise ArgumentError(
-            f"dt: no stable gains at dt = {dt:g} s: {what} at {mode.frequency:.3g} rad/s at joint "
-            f"{mode.joint!r}, and a step may turn {RESOLVED:g} rad of it; "
-            f"dt = {RESOLVED / mode.frequency:.2g} s would do. If the arm should be slower, check "
-            f"the inertia of that joint's links"
+            f"dt: no stable gains at dt = {dt:g} s{late}: {what} at {mode.frequency:.3g} rad/s at joint "
+            f"{mode.joint!r}, and {turns} may turn {RESOLVED:g} rad of it; {cure}. If the arm should be "
+            f"slower, check the inertia of that joint's links"
         )
 
 

@@ -107,13 +107,17 @@ class GatedController:
         tau = self.gate.limited(gate, tau, dt)
         return GatedState(inner, gate._replace(tau=tau), trusted), tau
 
-    def reset(self, state: GatedState, measurement: Measurement, *, forget: bool = False) -> GatedState:
-        """Put the controller in charge again, at a good measurement; its cause should be gone.
+    def reset(
+        self, state: GatedState, measurement: Measurement | None = None, *, forget: bool = False
+    ) -> GatedState:
+        """Put the controller in charge again, when the cause of the fault is gone.
 
-        It goes on with what it had learned, or, to ``forget``, afresh from the last trusted estimate.
-        Raises ArgumentError for a bad measurement.
+        measurement: where the robot is, None for where it was seen last. The controller goes on with what it
+        had learned, or, to ``forget``, afresh from the last trusted estimate. Raises ArgumentError for a bad
+        measurement.
         """
-        gate = self.gate.init(measurement)._replace(tau=state.gate.tau)
+        gate = self.gate.init(state.gate.measurement if measurement is None else measurement)
+        gate = gate._replace(tau=state.gate.tau)
         inner = self.controller.init(gate.measurement, state.trusted) if forget else state.inner
         return GatedState(inner, gate, state.trusted)
 

@@ -95,6 +95,18 @@ def load_state(path: str | Path, controller: Any) -> Any:
     return _decode(tree, arrays, path)
 
 
+def on_clock(state: Any, shift: float) -> Any:
+    """The state with every time stamp later by ``shift`` [s]: the robot's clock has been set."""
+    if not isinstance(state, tuple):
+        return state
+    if not hasattr(state, "_fields"):
+        return tuple(on_clock(item, shift) for item in state)
+    moved = {name: on_clock(getattr(state, name), shift) for name in state._fields}
+    if isinstance(moved.get("t"), float):
+        moved["t"] += shift
+    return type(state)(**moved)
+
+
 def _key(made_of: Mapping[str, str]) -> str:
     return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
 

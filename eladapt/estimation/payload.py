@@ -19,7 +19,7 @@ import scipy.linalg
 
 from eladapt.errors import ArgumentError, require_number, require_vector
 from eladapt.estimation.extensions import Information
-from eladapt.estimation.mixing import DUST
+from eladapt.estimation.mixing import DUST, spectrum
 from eladapt.robot.reading import frame_index
 from eladapt.robot.regressors import Regressors
 
@@ -119,6 +119,16 @@ def estimate_payload(
     return PayloadEstimate(
         float(mass), com, float(mass_std), com_std, x, covariance, misfit, _describe(null / unit), name
     )
+
+
+def completed(theta: np.ndarray, information: Information) -> np.ndarray:
+    """theta_U (n_potential,) by least squares where it was excited, as ``theta`` says where it was not.
+
+    An adaptive estimate still follows in directions that are known a little; a load's centre of mass may
+    hang on them (panda, after the move that a 2 kg load makes: off by 4 mm, completed by 1e-9 m).
+    """
+    estimate, gates, basis = spectrum(information, len(theta), "potential")
+    return theta + basis @ np.where(gates > 0, estimate - basis.T @ theta, 0.0)
 
 
 def payload_regressor(regressors: Regressors, frame: str) -> np.ndarray:

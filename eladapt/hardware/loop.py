@@ -1,7 +1,7 @@
 """The loop between a controller and a robot, at a fixed rate, whatever the robot is.
 
-`simulate` with a clock: the robot is anything with four methods, and does not wait. This room stands on control
-and on simulation, whose records it keeps.
+`simulate` with a clock: the robot is anything with four methods, and does not wait. This room stands on
+control and on simulation, whose records it keeps.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eladapt.control.saved import StateWriter
+from eladapt.control.saved import StateWriter, on_clock
 from eladapt.errors import ArgumentError, EladaptError, LoopError, require_number
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.robot.model import Robot
@@ -21,6 +21,7 @@ from eladapt.signals import Measurement
 from eladapt.simulation.record import Record, Recorder
 from eladapt.simulation.run import Controller, Goal
 
+GAP = 1.0  # [s] between two runs whose clocks have nothing to do with each other: filters start afresh
 WARM_UP = 20  # steps before the robot starts: they import, allocate and compile
 
 
@@ -67,7 +68,7 @@ def run_loop(
     """Regulate a robot for ``duration`` [s], reading and writing once every ``dt`` [s].
 
     goal: q_d (nq,), or a callable of the time since the start [s], by the robot's clock. state: of an earlier
-    run, to go on with what it had learned; None begins afresh. When a gate latches a fault, its fallback
+    run, to go on with what it had learned, also if the robot's clock was set since; None begins afresh. When a gate latches a fault, its fallback
     goes on for ``after_fault`` [s]. checkpoint: a file to which the state is saved every ``every`` [s] and at
     the end, for `load_state`; a write may take a millisecond or two. priority: see `undisturbed`.
 
@@ -79,6 +80,8 @@ def run_loop(
     steps = round(require_number("duration", duration, 0) / dt)
     if steps < 1:
         raise ArgumentError(f"duration: expected at least one step of {dt:g} s, got {duration:g} s")
+    if (fault := getattr(state, "fault", None)) is not None:
+        raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
     loop = _Loop(controller, interface, goal, dt, steps, title)
     writer = StateWriter(controller) if checkpoint else None
     _warm_up(controller, dt)
@@ -140,8 +143,15 @@ class _Loop:
         """The first measurement, and a state at it."""
         first = self.interface.read()
         self.began = first.t
-        self.state = self.controller.init(first) if state is None else state
+        self.state = self.controller.init(first) if state is None else self._resumed(state, first)
         self.pacer.restart()
+
+    def _resumed(self, state: Any, first: Measurement) -> Any:
+        """A state of an earlier run, on the robot's clock if that was set in between."""
+        last = getattr(state, "measurement", None)
+        if last is not None and first.t < last.t:
+            state = on_clock(state, first.t - GAP - last.t)
+        return state
 
     def tick(self) -> Any:
         """Read, step, write, keep; returns the fault there is."""
@@ -163,7 +173,7 @@ class _Loop:
 
 
 def _warm_up(controller: Controller, dt: float) -> None:
-    """A few steps at home that nobody sees; what a controller of one's own makes of them is not our concern."""
+    """A few steps at home that nobody sees."""
     robot: Robot = controller.robot  # type: ignore[attr-defined]
     q, zero = robot.configuration(robot.home), np.zeros(robot.nv)
     measurement = Measurement(0.0, q, zero, zero)

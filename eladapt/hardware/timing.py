@@ -1,4 +1,4 @@
-"""A fixed rate from an ordinary operating system: sleep most of the time, spin the rest, and count what is late."""
+"""A fixed rate from an ordinary operating system: sleep, spin for the rest, and count what is late."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class Timing(NamedTuple):
             return ", ".join(f"{1e6 * value:.0f}" for value in values)
 
         return (
-            f"{self.ticks} ticks at {1 / self.period:g} Hz, {self.overruns} overruns ({self.overrun_share:.2%}), "
-            f"{self.missed} ticks missed; from measurement to command {row(self.work)} us, "
+            f"{self.ticks} ticks at {1 / self.period:g} Hz, {self.overruns} overruns "
+            f"({self.overrun_share:.2%}), {self.missed} ticks missed; from measurement to command {row(self.work)} us, "
             f"late by {row(self.late)} us (50 %, 99 %, 99.9 %, largest)"
         )
 
@@ -46,9 +46,9 @@ class Timing(NamedTuple):
 class Pacer:
     """Says when the next tick is due, on the monotonic clock.
 
-    Each tick: `began` when the measurement is there, `wait` when the command is out. An overrun skips the ticks
-    that it covers, so that nothing is caught up in a burst. A measurement that had to be waited for moves all
-    ticks to come: the robot's clock leads.
+    Each tick: `began` when the measurement is there, `wait` when the command is out. An overrun skips the
+    ticks that it covers, so that nothing is caught up in a burst. A measurement that had to be waited for moves
+    all ticks to come: the robot's clock leads.
     """
 
     def __init__(self, period: float, capacity: int = 1024):

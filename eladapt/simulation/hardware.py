@@ -1,4 +1,4 @@
-"""What stands between a controller and an arm: encoders that count, and a bus that takes its time.
+"""What stands between a controller and an arm: encoders that count, noise, a bus that takes its time.
 
 Each wraps a plant and has its face, so that they can be put on top of each other.
 """
@@ -12,6 +12,8 @@ import numpy as np
 from eladapt.errors import ArgumentError, require_number
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
+from eladapt.simulation.disturbances import Noise, Payload
+from eladapt.simulation.plants import NoiseModel
 from eladapt.simulation.run import Plant
 
 
@@ -24,6 +26,11 @@ class _Wrapper:
     @property
     def robot(self) -> Robot:
         return self.plant.robot
+
+    @property
+    def payload(self) -> Payload | None:
+        """The load of the arm inside."""
+        return getattr(self.plant, "payload", None)
 
     @property
     def q(self) -> np.ndarray:
@@ -63,9 +70,42 @@ class Encoders(_Wrapper):
         self._q, self._v = q, self._v + share * (speed - self._v)
         return measurement._replace(q=q, v=self._v)
 
+    def noise(self, dt: float) -> Noise:
+        """What counting amounts to in a moving joint, for steps of dt [s]: a uniform, white error
+        of 1/sqrt(12) counts, of which the filtered differences make (s/dt) sqrt(2 / (2 - s)) as much
+        velocity, s being the filter's share. A resting joint has none."""
+        share = -np.expm1(-dt / self.time_constant)
+        position = self.resolution / np.sqrt(12)
+        return Noise(position, position * share / dt * np.sqrt(2 / (2 - share)))
+
     def _counted(self, q: np.ndarray) -> np.ndarray:
         coordinates = self.robot.coordinates(q)
         return self.robot.configuration(self.resolution * np.round(coordinates / self.resolution))
+
+
+class NoisyReadings(_Wrapper):
+    """Noise on top of what the plant measures, as encoders do; a plant's own noise comes before them.
+
+    seed: of the noise.
+    """
+
+    def __init__(self, plant: Plant, noise: NoiseModel, seed: int = 0):
+        super().__init__(plant)
+        self.readings, self.seed = noise, seed
+
+    def reset(self) -> Measurement:
+        """The plant's first measurement, with noise from its seed."""
+        self._rng = np.random.default_rng(self.seed)
+        return self._noisy(self.plant.reset())
+
+    def step(self, tau: np.ndarray, dt: float) -> Measurement:
+        """Hold the torque tau (nv,) for dt [s]."""
+        return self._noisy(self.plant.step(tau, dt))
+
+    def _noisy(self, measurement: Measurement) -> Measurement:
+        dq, dv = self.readings.sample(measurement.t, self.robot.nv, self._rng)
+        q = self.robot.integrate(measurement.q, np.asarray(dq))
+        return measurement._replace(q=q, v=measurement.v + dv)
 
 
 class Delay(_Wrapper):

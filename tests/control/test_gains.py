@@ -9,6 +9,7 @@ from shared import load
 import eladapt as ea
 from eladapt.control.gains import RESOLVED, adaptation_mode, derive_gains, fall_mode
 from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.robot.library import folder
 
 
 @pytest.mark.parametrize("name", ["two_link", "panda", "kinova", "asr_twodof"])
@@ -77,6 +78,40 @@ def test_a_massless_wrist_is_refused_by_name():
     model.inertias[7] = type(body)(1e-6 * body.mass, body.lever, 1e-6 * body.inertia)
     with pytest.raises(ArgumentError, match=r"no stable gains.*'panda_joint7'"):
         ea.CompositeController.for_robot(dataclasses.replace(robot, model=model))
+
+
+def written(path, *changes: tuple[str, str]):
+    """The two-link URDF with texts replaced, as a file of its own."""
+    text = (folder() / "two_link.urdf").read_text()
+    for old, new in changes:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path = path / "arm.urdf"
+    path.write_text(text)
+    return path
+
+
+def test_a_urdf_file_with_a_massless_wrist_is_refused_by_name(tmp_path):
+    """A forearm of a microgram whose centre of mass is off its axis: no step of 1 ms follows its fall."""
+    inertia = 'ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{1}"'
+    path = written(
+        tmp_path, ('<mass value="1"/>', '<mass value="1e-9"/>'),
+        (inertia.format("0.0033333333333333335", "0.0001125"), inertia.format("3e-14", "1e-14")),
+        ('<origin xyz="0 0 -0.1"/>\n      <mass', '<origin xyz="0 0 -0.00001"/>\n      <mass'),
+    )  # fmt: skip
+    with pytest.raises(ArgumentError, match=r"no stable gains at dt = 0.001 s.*joint 'elbow'.*would do"):
+        ea.CompositeController.for_robot(ea.Robot.from_urdf(path))
+
+
+def test_a_urdf_file_and_a_step_too_long(tmp_path):
+    """The dt offered is taken, and one a tenth longer is not."""
+    robot = ea.Robot.from_urdf(written(tmp_path))
+    with pytest.raises(ArgumentError, match=r"no stable gains at dt = 0.2 s.*joint '\w+'") as caught:
+        ea.CompositeController.for_robot(robot, dt=0.2)
+    offered = float(str(caught.value).split("dt = ")[-1].split(" s")[0])
+    assert ea.CompositeController.for_robot(robot, dt=0.99 * offered).gains is not None
+    with pytest.raises(ArgumentError, match="no stable gains"):
+        ea.CompositeController.for_robot(robot, dt=1.1 * offered)
 
 
 def test_gamma_gives_way_to_sampling():
