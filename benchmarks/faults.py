@@ -224,10 +224,10 @@ def main() -> None:
     ]  # fmt: skip
     notes = (
         f"Faults begin at {MOVING} s in the middle of the move, at {RESTING:g} s at rest, or last from the "
-        f"start. At the set-point: every joint within {ARRIVED:g} rad for good. Samples 0.5 to 3 ms apart: the "
-        "controller is told 1 ms; a sample further than half of that from 1 ms restarts its filters, so it "
-        f"learns more slowly. The process is killed by SIGKILL; the robot brakes for {RESTART} ms until another "
-        f"one runs, whose state is up to {SAVED} ms older than the one that was lost."
+        f"start. At the set-point: every joint within {ARRIVED:g} rad for good. Samples 0.5 to 3 ms apart: "
+        "the controller is told 1 ms; a sample further than half of that from 1 ms restarts its filters, so "
+        f"it learns more slowly. The process is killed by SIGKILL; the robot brakes for {RESTART} ms until "
+        f"another one runs, whose state is up to {SAVED} ms older than the one that was lost."
     )
     write("faults", "Faults in closed loop on the panda", head, rows, notes)
 
