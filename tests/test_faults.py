@@ -1,4 +1,4 @@
-"""Faults of sensors, buses and motors in closed loop: the arm recovers or stops safely, and nothing is lost."""
+"""Faults of sensors, buses and motors in closed loop: the arm recovers or stops, and nothing is lost."""
 
 import numpy as np
 import pytest

@@ -201,9 +201,9 @@ class TorqueGate:
     def fallback(self, state: GateState, gravity: np.ndarray, dt: float) -> tuple[GateState, np.ndarray]:
         """Brake and hold: the torque (nv,) at the end of the step, M (w - v) = H (-P (e + H w) - D w).
 
-        gravity (nv,): the trusted estimate at ``state.q``. What it lacked when the fault came fades away,
-        which matters as long as nothing is measured. Meanwhile w is where the arm is believed to go: braking
-        goes on blindly, and fades as it must have taken effect.
+        gravity (nv,): the trusted estimate at ``state.q``. As long as nothing is measured, what it lacked
+        when the fault came stays, and w is where the arm is believed to go: braking goes on blindly, and
+        fades as it must have taken effect. An arm that is never measured again needs its brakes.
         """
         robot, offset = self.robot, state.offset
         if offset is None:
@@ -218,7 +218,7 @@ class TorqueGate:
         w = np.linalg.solve(implicit, mass_matrix @ state.v - dt * self.P * e)
         tau = gravity + offset - self.P * (e + dt * w) - self.D * w
         if state.age > 0:
-            state = _believed(robot, state, w, dt)
+            return _believed(robot, state, w, dt)._replace(anchor=anchor, offset=offset), tau
         return state._replace(anchor=anchor, offset=offset * np.exp(-dt / FADING)), tau
 
     def _doubt(self, state: GateState, measurement: Measurement, dt: float) -> Alarm | None:
