@@ -32,12 +32,12 @@ def measure_noise(robot: Robot, measurements: Iterable[Measurement]) -> Measured
 
     ``for_robot(robot, **measure_noise(robot, measurements)._asdict())`` takes it into account. The arm
     should stand on its brakes, or hold still under a constant torque: feedback turns noise into motion,
-    which then counts as noise. What counts is the median absolute second difference, which neither drift nor glitches
-    change much.
+    which then counts as noise. What counts is the median absolute second difference, which neither drift
+    nor glitches change much.
 
     A velocity that comes from a filter has noise that is not white, of which this sees the part that changes
-    from sample to sample; tell ``for_robot`` the filter's velocity_lag too. Raises ArgumentError for fewer than
-    50 measurements, and for what is no measurement of this robot.
+    from sample to sample; tell ``for_robot`` the filter's velocity_lag too. Raises ArgumentError for fewer
+    than 50 measurements, and for what is no measurement of this robot.
     """
     taken = list(measurements)
     if len(taken) < LEAST_SAMPLES:
