@@ -53,21 +53,15 @@ def test_velocity_makes_the_prediction_include_the_push(rng):
         np.testing.assert_allclose(change, pull, atol=1e-9 * np.abs(DT * d).max())
 
 
-def test_friction_leaves_the_error_of_the_law_itself():
-    """Stuck by 0.3 N m, the joints stop where explicit evaluation stops; blind, the law believes that it
-    arrives, and stops further away."""
-    controller = ea.CompositeController.for_robot(load("two_link"))
-    friction = ea.Friction(coulomb=0.3)
-    steady = {
-        name: move(one, 4.0, friction=friction).metrics().steady_error
-        for name, one in {
-            "ours": controller,
-            "blind": dataclasses.replace(controller, disturbance=None),
-            "explicit": explicit(controller),
-        }.items()
-    }
-    assert steady["ours"] <= 1.2 * steady["explicit"]
-    assert steady["blind"] > 2 * steady["ours"]
+def test_friction_leaves_no_more_than_the_law_itself_would():
+    """Stuck by 1 N m, every joint of the ur5 stops within (f/P)^(1/a), where the law itself pushes with f;
+    blind, the law believes that it arrives, and the first joint stops twenty times as far away."""
+    controller = ea.CompositeController.for_robot(load("ur5"))
+    law, friction = controller.control, ea.Friction(coulomb=1.0)
+    bound = (1.0 / law.P) ** (1 / law.a)
+    blind = dataclasses.replace(controller, disturbance=None)
+    assert np.all(np.abs(move(controller, 3.0, friction=friction).error[-1]) <= bound)
+    assert np.any(np.abs(move(blind, 3.0, friction=friction).error[-1]) > 10 * bound)
 
 
 def test_it_costs_nothing_where_the_model_is_right():
