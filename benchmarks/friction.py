@@ -153,7 +153,8 @@ def main() -> None:
         name, engine, viscous, coulomb = CASES[r.case]
         rows.append(
             [
-                name, engine, f"{viscous:g} N m s/rad, {coulomb:g} N m", r.way, f"{r.settled:.2f}" if np.isfinite(r.settled) else "never",
+                name, engine, f"{viscous:g} N m s/rad, {coulomb:g} N m", r.way,
+                f"{r.settled:.2f}" if np.isfinite(r.settled) else "never",
                 f"{r.steady:.1e}", f"{r.gravity:.1e}", f"{r.ripple:.1e}", f"{r.viscous:.1e}",
                 f"{r.coulomb:.1e}", r.known,
             ]
