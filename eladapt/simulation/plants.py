@@ -127,17 +127,19 @@ class PinocchioPlant:
         size = self.robot.nv
         inverse = np.array(pin.computeMinverse(model, self._data, self.q)).reshape(size, size)
         inverse = h * (np.triu(inverse) + np.triu(inverse, 1).T)
-        force = np.zeros(self.robot.nv)
-        velocity = free.copy()
+        # Plain numbers: a sweep over seven joints costs a tenth of what it does with array elements.
+        columns, bounds, velocity = inverse.T.tolist(), bound.tolist(), free.tolist()
+        force, joints, least = [0.0] * size, range(size), STUCK * max(bounds)
         for _ in range(FRICTION_SWEEPS):
             change = 0.0
-            for i in range(self.robot.nv):
-                wanted = np.clip(force[i] + velocity[i] / inverse[i, i], -bound[i], bound[i])
+            for i in joints:
+                column = columns[i]
+                wanted = min(max(force[i] + velocity[i] / column[i], -bounds[i]), bounds[i])
                 difference = wanted - force[i]
                 if difference:
                     force[i] = wanted
-                    velocity -= inverse[:, i] * difference
+                    velocity = [v - difference * c for v, c in zip(velocity, column, strict=True)]
                     change = max(change, abs(difference))
-            if change <= STUCK * bound.max():
+            if change <= least:
                 break
-        return force
+        return np.array(force)
