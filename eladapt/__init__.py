@@ -1,6 +1,7 @@
 """eladapt: composite adaptive finite-time control for any robot with a URDF."""
 
-from typing import Any
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from eladapt import paper
 from eladapt.control.bounds import model_bounds
@@ -10,14 +11,13 @@ from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.lyapunov import LyapunovFunctions
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import TerminalSliding
-from eladapt.display.plots import plot
-from eladapt.display.viewer import view
 from eladapt.errors import EladaptError
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.excitation import IntervalExcitation
 from eladapt.estimation.extensions import Information, Kreisselmeier, LeastSquares
 from eladapt.estimation.friction import FrictionEstimate
 from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenvalue
+from eladapt.estimation.noise import MeasuredNoise, measure_noise
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.robot.library import names as robots
@@ -26,9 +26,17 @@ from eladapt.robot.parameters import ParameterBasis
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
 from eladapt.simulation.disturbances import Friction, Noise, Payload
+from eladapt.simulation.many import simulate_many
 from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
+
+if TYPE_CHECKING:
+    from eladapt.display.live import LiveView
+    from eladapt.display.plots import plot
+    from eladapt.display.report import report
+    from eladapt.display.viewer import view
+    from eladapt.simulation.mujoco_plant import MujocoPlant
 
 __all__ = [
     "CompositeController",
@@ -45,7 +53,9 @@ __all__ = [
     "IntervalExcitation",
     "Kreisselmeier",
     "LeastSquares",
+    "LiveView",
     "LyapunovFunctions",
+    "MeasuredNoise",
     "Measurement",
     "MixedRegression",
     "MujocoPlant",
@@ -64,20 +74,30 @@ __all__ = [
     "TerminalSliding",
     "certify",
     "estimate_payload",
+    "measure_noise",
     "model_bounds",
     "paper",
     "plot",
+    "report",
     "robots",
     "settling_bounds",
     "simulate",
+    "simulate_many",
     "view",
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """MuJoCo is optional: `MujocoPlant` is imported when it is asked for."""
-    if name == "MujocoPlant":
-        from eladapt.simulation.mujoco_plant import MujocoPlant
+# Imported when they are asked for: matplotlib and MeshCat are slow to import, Bokeh and MuJoCo optional.
+_LATER = {
+    "LiveView": "eladapt.display.live",
+    "MujocoPlant": "eladapt.simulation.mujoco_plant",
+    "plot": "eladapt.display.plots",
+    "report": "eladapt.display.report",
+    "view": "eladapt.display.viewer",
+}
 
-        return MujocoPlant
+
+def __getattr__(name: str) -> Any:
+    if name in _LATER:
+        return getattr(importlib.import_module(_LATER[name]), name)
     raise AttributeError(f"module 'eladapt' has no attribute {name!r}")

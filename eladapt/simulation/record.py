@@ -21,7 +21,8 @@ FORMAT = 1
 ARRAYS = (
     "t", "q", "v", "tau", "goal", "error", "theta", "delta", "zeta", "zeta_integral", "effort_limit",
 )  # fmt: skip
-OPTIONAL_ARRAYS = ("theta_true", "theta_true_course", "level")
+OPTIONAL_ARRAYS = ("theta_true", "theta_true_course", "level", "carried")
+LOAD_PERIOD = 1 / 30  # [s] between the samples of the estimated load: as often as it is drawn
 
 
 class Metrics(NamedTuple):
@@ -63,6 +64,7 @@ class Record:
     configuration: dict[str, Any]
     theta_true_course: np.ndarray | None = None  # (N, j), where a load changes theta_true
     level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated, if kept
+    carried: np.ndarray | None = None  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
     final_state: Any = dataclasses.field(default=None, repr=False)  # the controller's last; not saved
 
     def __len__(self) -> int:
@@ -116,6 +118,8 @@ class Record:
     @classmethod
     def load(cls, path: str | Path) -> Record:
         """Read what `save` wrote. Raises RecordError for anything else."""
+        if Path(path).is_file() and not zipfile.is_zipfile(path):
+            raise RecordError(f"{path}: not a record, or a damaged one; Record.save writes an .npz")
         try:
             with np.load(path, allow_pickle=False) as file:
                 header = json.loads(str(file["header"]))
@@ -139,14 +143,13 @@ class Recorder:
     """Collects samples while a run goes on; `record` can be called at any time."""
 
     def __init__(
-        self, robot: Robot, controller: Any, dt: float, capacity: int, title: str,
-        payload: Payload | None = None,
-    ):  # fmt: skip
+        self, robot: Robot, controller: Any, dt: float, capacity: int, title: str, plant: Any = None
+    ):
         self.robot, self.controller, self.dt, self.title = robot, controller, dt, title
-        self.payload = payload
-        self.count, self.capacity = 0, capacity
+        self.plant, self.count, self.capacity = plant, 0, capacity
         self._columns: dict[str, np.ndarray] = {}
         self._state: Any = None
+        self._kept: list[tuple[float, Any]] = []  # states from which the load is estimated afterwards
 
     def add(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: np.ndarray, state: Any
@@ -165,6 +168,8 @@ class Recorder:
         if hasattr(state, "level"):
             sample["level"] = state.level
         self._state = state
+        if not self._kept or t - self._kept[-1][0] >= LOAD_PERIOD - self.dt / 2:
+            self._kept.append((t, state))
         for name, value in sample.items():
             if name not in self._columns:
                 self._columns[name] = np.empty((self.capacity, *np.shape(value)))
@@ -182,18 +187,40 @@ class Recorder:
             labels = regressors.labels[len(regressors) - size :]
             true = regressors.theta[len(regressors) - size :]
         course = None
-        if regressors is not None and true is not None and self.payload is not None:
-            loaded = regressors.theta_of(self.payload.loaded(self.robot))[len(regressors) - size :]
-            held = np.array([self.payload.held(t) for t in columns["t"]])
+        payload = self._payload()
+        if regressors is not None and true is not None and payload is not None:
+            loaded = regressors.theta_of(payload.loaded(self.robot))[len(regressors) - size :]
+            held = np.array([payload.held(t) for t in columns["t"]])
             course = np.where(held[:, None], loaded, true)
             true = course[-1].copy()
         return Record(
-            **columns, level=level, theta_true_course=course, final_state=self._state,
-            effort_limit=self.robot.effort_limit, dt=self.dt, joint_names=self.robot.joint_names,
-            theta_labels=tuple(labels), theta_true=true, robot_source=self.robot.source,
-            title=self.title or self.robot.name,
-            configuration={"controller": describe(self.controller), "versions": versions()},
+            **columns, level=level, theta_true_course=course, carried=self._carried(),
+            final_state=self._state, effort_limit=self.robot.effort_limit, dt=self.dt,
+            joint_names=self.robot.joint_names, theta_labels=tuple(labels), theta_true=true,
+            robot_source=self.robot.source, title=self.title or self.robot.name,
+            configuration={
+                "controller": describe(self.controller),
+                "plant": describe_plant(self.plant),
+                "versions": versions(),
+            },
         )  # fmt: skip
+
+    def _payload(self) -> Payload | None:
+        plant = self.plant
+        while "plant" in getattr(plant, "__dict__", ()):  # below encoders and buses
+            plant = plant.plant
+        return getattr(plant, "payload", None)
+
+    def _carried(self) -> np.ndarray | None:
+        """The load over time, where the plant has one or the controller noticed one."""
+        estimate = getattr(self.controller, "carried", None)
+        change = getattr(self._state, "change", None)
+        payload = self._payload()
+        if estimate is None or not (payload or (change and change.noticed)):
+            return None
+        frame = payload.frame if payload else None
+        found = [(t, estimate(state, frame)) for t, state in self._kept]
+        return np.array([[t, load.mass, *load.com, load.misfit] for t, load in found])
 
 
 def describe(value: Any) -> Any:
@@ -208,6 +235,21 @@ def describe(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [describe(item) for item in value]
     return type(value).__name__
+
+
+SETTINGS = (
+    "integrator", "substeps", "seed", "joint_friction", "friction", "noise", "payload",
+    "resolution", "time_constant", "delay",
+)  # fmt: skip
+
+
+def describe_plant(plant: Any) -> Any:
+    """What was simulated, as plain JSON types; what stands around a plant comes first."""
+    if plant is None:
+        return None
+    settings = {name: describe(getattr(plant, name)) for name in SETTINGS if name in vars(plant)}
+    inner = {"plant": describe_plant(plant.plant)} if "plant" in vars(plant) else {}
+    return {"class": type(plant).__name__, **settings, **inner}
 
 
 def versions() -> dict[str, str]:

@@ -6,6 +6,7 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, SimulationError, UnknownNameError
+from eladapt.simulation.plants import _active_set, _projected_sweeps
 
 DT = 1e-3
 
@@ -53,6 +54,26 @@ def test_coulomb_friction_sticks_and_then_gives_way():
         assert (abs(plant.q[6] - q0[6]) > 1e-2) == moves
         if not moves:
             assert np.abs(plant.q - q0).max() < 1e-9
+
+
+def test_friction_forces_solve_the_stick_slip_conditions(rng):
+    """|f| <= bound, what slips is braked with all of it, what does not stays at v = 0: by active sets, and
+    the same by sweeps where those are asked."""
+    robot = load("panda")
+    for k in range(200):
+        inverse = 5e-4 * np.linalg.inv(robot.mass_matrix(robot.random_configuration(rng)))
+        bound = 10.0 ** rng.uniform(-2, 1.5, size=7) * (rng.uniform(size=7) > 0.1)
+        free = inverse @ (rng.normal(size=7) * 10.0 ** rng.uniform(-2, 2.5))
+        force = _active_set(free, inverse, bound)
+        assert force is not None, "so the sweeps are hardly ever needed"
+        v, rounding = free - inverse @ force, 1e-10 * np.abs(free).max()  # cond(M) is up to 1e4
+        slips = np.abs(force) >= bound * (1 - 1e-12)
+        assert np.all(np.abs(force) <= bound * (1 + 1e-9))
+        assert np.all(np.abs(v[~slips]) <= rounding)
+        assert np.all(v[slips] * np.sign(force[slips]) >= -rounding)
+        if k < 5:
+            swept = _projected_sweeps(free, inverse, bound)
+            np.testing.assert_allclose(swept, force, atol=1e-9 * bound.max())
 
 
 def test_friction_brings_motion_to_rest():
