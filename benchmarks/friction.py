@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -83,7 +83,7 @@ def run(job: tuple[int, str, float]) -> Run:
     name, engine, viscous, coulomb = CASES[index]
     robot, options = ea.Robot.load(name), dict(WAYS[way])
     disturbed = options.pop("disturbance", False)
-    controller = ea.CompositeController.for_robot(robot, DT, **options)
+    controller = ea.CompositeController.for_robot(robot, DT, compiled=COMPILED, **options)
     friction = ea.Friction(viscous, coulomb)
     plant = getattr(ea, engine)(robot, robot.configuration(robot.home), friction=friction)
     loop = Disturbed(controller) if disturbed else controller

@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -51,7 +51,7 @@ def controller_of(kind: str, robot: ea.Robot, noise: bool) -> tuple[Any, Any]:
     known: dict[str, Any] = {}
     if noise:
         known = {"position_noise": NOISE.position, "velocity_noise": NOISE.velocity}
-    composite = ea.CompositeController.for_robot(robot, DT, **known)
+    composite = ea.CompositeController.for_robot(robot, DT, compiled=COMPILED, **known)
     if kind == "composite":
         return composite, None
     if kind == "without adaptation":
