@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -97,7 +97,9 @@ class Run(NamedTuple):
 def run(job: tuple[str, bool, float]) -> Run:
     name, told, duration = job
     robot, case = ea.Robot.load("panda"), CASES[name]
-    controller = ea.CompositeController.for_robot(robot, DT, **(case.known if told else {}))
+    controller = ea.CompositeController.for_robot(
+        robot, DT, compiled=COMPILED, **(case.known if told else {})
+    )
     arm = ea.PinocchioPlant(robot, robot.configuration(robot.home), friction=case.friction, noise=case.before)
     plant = case.wrap(arm)
     horizon = controller.gains.horizon if controller.gains else np.nan
