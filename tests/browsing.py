@@ -111,7 +111,9 @@ class Scene(Tab):
     def __init__(self, context: Any, url: str):
         super().__init__(context, url)
         self.frame = self.page.main_frame
-        self.page.wait_for_function("typeof viewer !== 'undefined' && document.querySelector('canvas') !== null")
+        self.page.wait_for_function(
+            "typeof viewer !== 'undefined' && document.querySelector('canvas') !== null"
+        )
 
     def show(self, path: str, visible: bool) -> None:
         """Show or hide what is at a path of the scene."""

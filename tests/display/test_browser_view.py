@@ -54,7 +54,9 @@ def test_arm_ghost_and_path_are_seen_in_their_colours(opened, name):
     assert np.mean(likeness > 0.98) > 0.9
     ghost = scene.drawn_by("set-point")
     assert len(ghost) > 500
-    assert np.mean(ghost[:, 0] > ghost[:, 2] + 20) > 0.9, "orange, however much of the background shines through"
+    assert np.mean(ghost[:, 0] > ghost[:, 2] + 20) > 0.9, (
+        "orange, however much of the background shines through"
+    )
     scene.show("set-point", False)  # which would tint the path
     path = scene.drawn_by("tool path")
     scene.show("set-point", True)

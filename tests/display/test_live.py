@@ -81,13 +81,17 @@ def test_the_newest_posture_is_drawn(live, robot):
     thread = feed(live, 1.5, lambda _t: q, goal, mass=2.0)
     commands = listen(live.url, 1.0)
     thread.join()
-    placed = {c["path"]: np.array(c["matrix"]).reshape(4, 4).T for c in commands if c["type"] == "set_transform"}
+    placed = {
+        c["path"]: np.array(c["matrix"]).reshape(4, 4).T for c in commands if c["type"] == "set_transform"
+    }
     for name, posture in (("robot", q), ("set-point", goal)):
         data = robot.model.createData()
         pin.forwardKinematics(robot.model, data, posture)
         for joint in (1, 2):
             # MessagePack carries single precision.
-            np.testing.assert_allclose(placed[f"/meshcat/{name}/{joint}"], data.oMi[joint].homogeneous, atol=1e-6)
+            np.testing.assert_allclose(
+                placed[f"/meshcat/{name}/{joint}"], data.oMi[joint].homogeneous, atol=1e-6
+            )
     radius = placed["/meshcat/load"][0, 0]
     assert radius == pytest.approx((3 * 2.0 / (4 * np.pi * 2000)) ** (1 / 3), rel=1e-6)
 
@@ -166,7 +170,9 @@ def test_it_listens_on_the_loopback_interface_only(live):
     assert addresses == ["127.0.0.1"]
 
 
-@pytest.mark.parametrize(("path", "host"), [("", "somebody.example"), ("../../etc/passwd", None), ("x", None)])
+@pytest.mark.parametrize(
+    ("path", "host"), [("", "somebody.example"), ("../../etc/passwd", None), ("x", None)]
+)
 def test_the_server_gives_one_page_under_its_own_name(live, path, host):
     request = urllib.request.Request(live.url + path, headers={"Host": host} if host else {})
     with pytest.raises(urllib.error.HTTPError, match="404"):
@@ -177,7 +183,10 @@ def test_the_page_may_ask_for_nothing_but_its_stream(live):
     with urllib.request.urlopen(live.url, timeout=30) as answer:
         page = answer.read().decode()
     stream = live.url.replace("http", "ws") + "stream"
-    assert f"default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; connect-src {stream}" in page
+    assert (
+        f"default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; connect-src {stream}"
+        in page
+    )
 
 
 def test_a_page_of_another_origin_gets_no_stream(live):
