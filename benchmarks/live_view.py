@@ -54,8 +54,8 @@ def draw_it(url: str) -> None:
     """Chromium with the page open."""
     from playwright.sync_api import sync_playwright
 
-    flags = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-component-update",
-             "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # fmt: skip
+    flags = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--use-angle=swiftshader",
+             "--disable-component-update", "--enable-unsafe-swiftshader"]  # fmt: skip
     with sync_playwright() as driver:
         opened = driver.chromium.launch(executable_path="/usr/bin/chromium", args=flags)
         opened.new_page(viewport={"width": 800, "height": 600}).goto(url)
@@ -130,8 +130,8 @@ def main() -> None:
             "frames/s sent", "steps late"]  # fmt: skip
     notes = (
         "The Panda's controller at 1 kHz, `CompositeController.step` with `LiveView.show` (on) and without "
-        "(off), in alternating blocks of one loop. A ratio above 1.10 is marked **no**. Steps late: begun more "
-        "than 1 ms after their time, on and off together. Not told of a step, the view costs nothing."
+        "(off), in alternating blocks of one loop. A ratio above 1.10 is marked **no**. Steps late: begun "
+        "more than 1 ms after their time, on and off together. Not told of a step, the view costs nothing."
     )
     write("live_view", "Step times with the live view on", head, rows, notes)
 

@@ -11,7 +11,8 @@ import pytest
 import eladapt as ea
 from eladapt.cli import main
 
-BROKEN = '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{}"><parent link="{}"/><child link="b"/></joint></robot>'
+BROKEN = """<robot name="r"><link name="a"/><link name="b"/>
+<joint name="j" type="{}"><parent link="{}"/><child link="b"/></joint></robot>"""
 
 
 def run(*arguments, folder=None):
@@ -214,7 +215,7 @@ def test_a_run_that_diverges_keeps_what_happened(tmp_path, monkeypatch, capsys):
 
 def test_live_shows_the_run_while_it_goes_on(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main("run two_link --live --duration 0.2 --no-certificates".split()) == 0
+    assert main(["run", "two_link", "--live", "--duration", "0.2", "--no-certificates"]) == 0
     assert "The arm can be seen at http://127.0.0.1:" in capsys.readouterr().out
 
 

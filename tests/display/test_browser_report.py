@@ -31,8 +31,9 @@ def shown(tab, text):
 def test_every_tab_opens_and_shows_its_own(chrome, record_of, tmp_path, name):
     tab = Tab(chrome, ea.report(record_of(name, 2.0), tmp_path / "run.html").resolve().as_uri())
     pictures = []
-    for title, holds in zip(TABS, ("Metrics", "base parameter, scaled to the torque it makes", None,
-                                   "These gains were given, not derived.", None, "robot"), strict=True):  # fmt: skip
+    said = ("Metrics", "base parameter, scaled to the torque it makes", None,
+            "These gains were given, not derived.", None, "robot")  # fmt: skip
+    for title, holds in zip(TABS, said, strict=True):
         shown(tab, title).click()
         if holds:
             shown(tab, holds).wait_for()
