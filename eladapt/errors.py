@@ -66,6 +66,22 @@ class RecordError(EladaptError):
     """A file that is not a readable record."""
 
 
+class HardwareError(EladaptError):
+    """A robot that cannot be reached or started, or a system that cannot do what was asked."""
+
+
+class LoopError(HardwareError):
+    """A loop that ended early; ``record``, ``state`` and ``timing`` hold all that happened until then."""
+
+    def __init__(self, message: str, record: Any = None, state: Any = None, timing: Any = None):
+        self.record, self.state, self.timing = record, state, timing
+        super().__init__(message)
+
+
+class StateError(EladaptError):
+    """A file that is not the saved state of this controller, or a damaged one."""
+
+
 class RankWarning(UserWarning):
     """The rank of the sampled regressors is not clear-cut."""
 
