@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -58,7 +58,7 @@ def run(job: tuple[str, int]) -> Run:
     name, seed = job
     robot, rng = ea.Robot.load(name), np.random.default_rng(seed)
     start, goal = reachable(robot, rng), reachable(robot, rng)
-    controller = ea.CompositeController.for_robot(robot, DT)
+    controller = ea.CompositeController.for_robot(robot, DT, compiled=COMPILED)
     plant = ea.PinocchioPlant(robot, start)
     try:
         record = ea.simulate(controller, plant, goal, DURATION, DT, progress=False)

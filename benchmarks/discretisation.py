@@ -67,7 +67,7 @@ class Outcome(NamedTuple):
 
 def controller(job: Job) -> ea.CompositeController:
     robot = ea.Robot.load(job.robot)
-    told = NOISE if job.way == TOLD else {}
+    told: dict[str, Any] = NOISE if job.way == TOLD else {}
     derived = ea.CompositeController.for_robot(robot, 1 / job.rate, friction=job.columns, **told)
     if job.way in (DEFAULT, TOLD):
         return derived

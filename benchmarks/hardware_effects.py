@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -97,7 +97,9 @@ class Run(NamedTuple):
 def run(job: tuple[str, bool, float]) -> Run:
     name, told, duration = job
     robot, case = ea.Robot.load("panda"), CASES[name]
-    controller = ea.CompositeController.for_robot(robot, DT, **(case.known if told else {}))
+    controller = ea.CompositeController.for_robot(
+        robot, DT, compiled=COMPILED, **(case.known if told else {})
+    )
     arm = ea.PinocchioPlant(robot, robot.configuration(robot.home), friction=case.friction, noise=case.before)
     plant = case.wrap(arm)
     horizon = controller.gains.horizon if controller.gains else np.nan
@@ -106,7 +108,7 @@ def run(job: tuple[str, bool, float]) -> Run:
             controller, plant, robot.configuration(robot.target), duration, DT, progress=False
         )
     except SimulationError:
-        return Run(name, told, horizon, *[np.inf] * 6, 0, True)
+        return Run(name, told, horizon, np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, 0, True)
     metrics = record.metrics()
     reg = controller.regressors
     gravity = reg.gravity(record.q[-1]) @ (record.theta[-1] - reg.theta_potential)

@@ -6,6 +6,8 @@ Relative errors, the largest over random states (identities) or along a regulati
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from table import write
 from tqdm import tqdm
@@ -57,15 +59,16 @@ def identities(robot: ea.Robot, reg: ea.Regressors) -> dict[str, float]:
 
 def regression_errors(robot: ea.Robot, reg: ea.Regressors) -> dict[str, float]:
     """Along half a second of regulation from a non-zero velocity."""
-    blocks: dict[str, ea.ForceBalance | ea.PowerBalance] = {
-        "y = Ω θ, force": ea.ForceBalance(reg), "force, hermite": ea.ForceBalance(reg, quadrature="hermite"),
+    blocks: dict[str, Any] = {
+        "y = Ω θ, force": ea.ForceBalance(reg),
+        "force, hermite": ea.ForceBalance(reg, interpolation="hermite"),
         "y = Ω θ, power": ea.PowerBalance(reg),
-    }  # fmt: skip
+    }
     controller = ea.CompositeController.for_robot(robot)
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), np.full(robot.nv, 0.3))
     goal, measurement = robot.configuration(robot.target), plant.reset()
     state = controller.init(measurement)
-    states = {name: block.init(measurement) for name, block in blocks.items()}
+    states: dict[str, Any] = {name: block.init(measurement) for name, block in blocks.items()}
     worst, largest = dict.fromkeys(blocks, 0.0), dict.fromkeys(blocks, 0.0)
     for _ in range(500):
         state, tau = controller.step(state, measurement, goal, DT)

@@ -1,17 +1,19 @@
 """eladapt: composite adaptive finite-time control for any robot with a URDF."""
 
-from typing import Any
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from eladapt import paper
 from eladapt.control.bounds import model_bounds
 from eladapt.control.certificates import certify, settling_bounds
 from eladapt.control.composite import CompositeController, ControllerState
 from eladapt.control.finite_time import FiniteTimePD
+from eladapt.control.gate import FAULTS, Fault, TorqueGate
+from eladapt.control.gated import GatedController, GatedState
 from eladapt.control.lyapunov import LyapunovFunctions
+from eladapt.control.saved import load_state, save_state
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import TerminalSliding
-from eladapt.display.plots import plot
-from eladapt.display.viewer import view
 from eladapt.errors import EladaptError
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.excitation import IntervalExcitation
@@ -21,6 +23,9 @@ from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenval
 from eladapt.estimation.noise import MeasuredNoise, measure_noise
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
+from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
+from eladapt.hardware.timing import Timing
+from eladapt.hardware.udp import UdpRobot
 from eladapt.robot.library import names as robots
 from eladapt.robot.model import Robot
 from eladapt.robot.parameters import ParameterBasis
@@ -32,21 +37,34 @@ from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
 
+if TYPE_CHECKING:
+    from eladapt.display.live import LiveView
+    from eladapt.display.plots import plot
+    from eladapt.display.report import report
+    from eladapt.display.viewer import view
+    from eladapt.simulation.mujoco_plant import MujocoPlant
+
 __all__ = [
+    "FAULTS",
     "CompositeController",
     "CompositeLaw",
     "ControllerState",
     "Determinant",
     "Directional",
     "EladaptError",
+    "Fault",
     "FiniteTimePD",
     "ForceBalance",
     "Friction",
     "FrictionEstimate",
+    "GatedController",
+    "GatedState",
     "Information",
     "IntervalExcitation",
     "Kreisselmeier",
     "LeastSquares",
+    "LiveView",
+    "LoopResult",
     "LyapunovFunctions",
     "MeasuredNoise",
     "Measurement",
@@ -62,16 +80,24 @@ __all__ = [
     "Regression",
     "Regressors",
     "Robot",
+    "RobotInterface",
     "SlotineLi",
     "SmallestEigenvalue",
     "TerminalSliding",
+    "Timing",
+    "TorqueGate",
+    "UdpRobot",
     "certify",
     "estimate_payload",
+    "load_state",
     "measure_noise",
     "model_bounds",
     "paper",
     "plot",
+    "report",
     "robots",
+    "run_loop",
+    "save_state",
     "settling_bounds",
     "simulate",
     "simulate_many",
@@ -79,10 +105,17 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """MuJoCo is optional: `MujocoPlant` is imported when it is asked for."""
-    if name == "MujocoPlant":
-        from eladapt.simulation.mujoco_plant import MujocoPlant
+# Imported when they are asked for: matplotlib and MeshCat are slow to import, Bokeh and MuJoCo optional.
+_LATER = {
+    "LiveView": "eladapt.display.live",
+    "MujocoPlant": "eladapt.simulation.mujoco_plant",
+    "plot": "eladapt.display.plots",
+    "report": "eladapt.display.report",
+    "view": "eladapt.display.viewer",
+}
 
-        return MujocoPlant
+
+def __getattr__(name: str) -> Any:
+    if name in _LATER:
+        return getattr(importlib.import_module(_LATER[name]), name)
     raise AttributeError(f"module 'eladapt' has no attribute {name!r}")

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
+from eladapt.control.blocks import ControlBlock, ExtensionBlock, MixingBlock, RegressionBlock
 from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
 from eladapt.control.hardware import Hardware
-from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
+from eladapt.control.samples import checked_step, elapsed, require_finite
+from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import Change, ChangeDetector
 from eladapt.estimation.excitation import Excitation, GateMonitor
@@ -24,37 +28,11 @@ from eladapt.estimation.friction import (
     estimate_friction,
 )
 from eladapt.estimation.mixing import Directional
-from eladapt.estimation.payload import PayloadEstimate, estimate_payload
+from eladapt.estimation.payload import PayloadEstimate, completed, estimate_payload
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.robot.model import Robot
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
-
-
-class RegressionBlock(Protocol):
-    """What turns measurements into y = Omega theta."""
-
-    def init(self, measurement: Measurement) -> Any: ...
-    def step(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Regression]: ...
-
-
-class ExtensionBlock(Protocol):
-    """What accumulates regressions."""
-
-    def init(self, n_parameters: int) -> Any: ...
-    def step(self, information: Any, regression: Regression, dt: float) -> Any: ...
-
-
-class MixingBlock(Protocol):
-    """What makes scalar regressions of the accumulated ones."""
-
-    def mix(self, information: Any, n_potential: int) -> MixedRegression: ...
-
-
-class ControlBlock(Protocol):
-    """What makes the feedback torque: `FiniteTimePD`, or a law of one's own."""
-
-    def torque(self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float) -> np.ndarray: ...
 
 
 class ControllerState(NamedTuple):
@@ -83,7 +61,8 @@ class CompositeController:
     estimate goes on from where it was. compensation: feeds friction forward, at the velocity w that the
     law is about to make, M (w - v) = H tau. disturbance: lets the semi-implicit law's prediction know what
     holds the arm; not together with compensation, which takes that away, nor with another evaluation.
-    gains: which rule set each gain, where `for_robot` did.
+    gains: which rule set each gain, where `for_robot` did. nominal_dt [s]: the step that the gains were made
+    for, None if any will do.
     """
 
     regressors: Regressors
@@ -96,6 +75,7 @@ class CompositeController:
     detector: ChangeDetector | None = None
     gains: Gains | None = None
     compensation: FrictionCompensation | None = None
+    nominal_dt: float | None = None
     disturbance: DisturbanceEstimate | None = None
 
     def __post_init__(self) -> None:
@@ -141,6 +121,7 @@ class CompositeController:
         velocity_lag: float = 0.0,
         friction: bool | Literal["viscous", "coulomb"] = False,
         friction_feedforward: bool = True,
+        compiled: bool = False,
         **given: Any,
     ) -> CompositeController:
         """Every gain derived from the URDF, for steps of dt [s]; those ``given`` by name are kept.
@@ -154,7 +135,8 @@ class CompositeController:
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
 
         friction: False, "viscous", "coulomb" or True (both): which friction is estimated beside gravity, see
-        `friction`; friction_feedforward: whether what is found is fed forward.
+        `friction`; friction_feedforward: whether what is found is fed forward. compiled: whether numba (extra
+        ``fast``) compiles what is written in Python, see benchmarks/results/step_cost.md.
         """
         regressors = Regressors(robot, friction=friction)
         hardware = Hardware(position_noise, velocity_noise, delay, velocity_lag)
@@ -172,15 +154,17 @@ class CompositeController:
                 gains.pole,
                 gains.row_weight,
                 stiction_speed=max(0.01, 5 * float(np.max(hardware.velocity_noise))),
+                compiled=compiled,
             ),
-            extension=LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0),
-            mixing=Directional(),
-            law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon),
-            control=FiniteTimePD(gains.P, gains.D, gains.D_L, horizon=gains.horizon),
+            extension=LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0, compiled),
+            mixing=Directional(compiled),
+            law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon, compiled=compiled),
+            control=FiniteTimePD(gains.P, gains.D, gains.D_L, horizon=gains.horizon, compiled=compiled),
             effort_limit=robot.effort_limit,
             detector=ChangeDetector(),
             gains=gains,
             compensation=compensation,
+            nominal_dt=dt,
             disturbance=None if compensation else DisturbanceEstimate.for_horizon(gains.horizon),
         )
 
@@ -192,14 +176,14 @@ class CompositeController:
         self, measurement: Measurement, theta0: Sequence[float] | np.ndarray | None = None
     ) -> ControllerState:
         """Filters at rest at the first measurement, theta_U = theta0 (n_potential,), or zero."""
-        self.robot.check_measurement(measurement)
+        measurement = self.robot.check_measurement(measurement)
         j = self.regressors.n_potential
         theta = np.zeros(j) if theta0 is None else require_vector("theta0", theta0, j)
         filters = self.regression.init(measurement)
         information = self.extension.init(len(self.regressors))
         mixed = self.mixing.mix(information, j)
         empty = Regression(filters.y, filters.omega)
-        excitation = GateMonitor().init(np.size(mixed.delta))
+        excitation = self._monitor.init(np.size(mixed.delta))
         change = self.detector.init(information, j) if self.detector else None
         compensation = self.compensation.init() if self.compensation else None
         disturbance = self.disturbance.init(self.robot.nv) if self.disturbance else None
@@ -213,33 +197,35 @@ class CompositeController:
     ) -> tuple[ControllerState, np.ndarray]:
         """The state at ``measurement`` and the torque (nv,) [N m] to hold until the next one.
 
-        goal: q_d (nq,). dt [s]: time since the measurement before, and until the next. A measurement
-        with the time stamp of the last one (as the first after `init`) is the same sample: nothing
-        is advanced. Raises ArgumentError for wrong shapes, non-finite numbers, or time running back.
+        goal: q_d (nq,). dt [s]: time since the measurement before, and until the next. What the time stamps
+        say is what counts: a measurement with the stamp of the last one (as the first after `init`) is the
+        same sample, and nothing is advanced; one that is late or early by up to half of dt advances
+        everything by the true time; with a larger gap the torque in between is not known, so the filters
+        start afresh, which makes them exact from their next step, and the information stays.
+
+        Raises ArgumentError for wrong shapes, numbers that are not finite or overflow, time running back,
+        and a dt that is not positive or above ten times ``nominal_dt``; the state given stays valid.
         """
-        self.robot.check_measurement(measurement)
-        goal = self.robot.check_q(goal, "goal")
-        dt = require_number("dt", dt, 0)
-        e1 = self.robot.difference(goal, measurement.q)
-        psi = self.regressors.gravity(measurement.q)
-        if measurement.t > state.measurement.t:
+        robot = self.robot
+        measurement = robot.check_measurement(measurement)
+        goal = robot.check_q(goal, "goal")
+        dt = checked_step(dt, self.nominal_dt)
+        _, q, v, _ = measurement
+        e1 = pin.difference(robot.model, goal, q)
+        psi = self.regressors.gravity(q, check=False)
+        if measurement.t != state.measurement.t:
             state = self._advance(state, measurement, psi, e1, dt)
-        elif measurement.t < state.measurement.t:
-            raise ArgumentError(
-                f"measurement.t: expected {state.measurement.t} s or later, got {measurement.t} s"
-            )
-        mass_matrix = self.robot.mass_matrix(measurement.q)
-        v = measurement.v
+        mass_matrix = robot.mass_matrix(q, check=False)
+        horizon = max(dt, getattr(self.control, "horizon", None) or dt)
         if self.disturbance and state.disturbance is not None:
-            horizon = max(dt, getattr(self.control, "horizon", None) or dt)
             v = self.disturbance.velocity(state.disturbance, v, mass_matrix, horizon)
         feedback = self.control.torque(e1, v, mass_matrix, dt)
         if self.compensation and state.compensation:
-            horizon = max(dt, getattr(self.control, "horizon", None) or dt)
-            predicted = measurement.v + horizon * np.linalg.solve(mass_matrix, feedback)
-            feedback = feedback + self.compensation.torque(state.compensation, measurement.v, predicted)
-        tau = np.clip(feedback + psi @ state.theta, -self.effort_limit, self.effort_limit)
-        return state, tau
+            predicted = v + horizon * np.linalg.solve(mass_matrix, feedback)
+            feedback = feedback + self.compensation.torque(state.compensation, v, predicted)
+        wanted = require_vector("torque of the control law", feedback + psi @ state.theta, robot.nv)
+        limit = self.effort_limit
+        return state, np.minimum(np.maximum(wanted, -limit), limit)  # a quarter of np.clip's time
 
     def friction(self, state: ControllerState) -> FrictionEstimate:
         """Friction of every joint by least squares, nan where it was not excited.
@@ -255,8 +241,9 @@ class CompositeController:
     def payload(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
         """The load that came or went with the last change noticed, in ``frame`` (the tool if None).
 
-        Standard deviations are those of noise in the measured velocity, which the filters leave white.
-        Raises ArgumentError when the controller has noticed no change.
+        Weighed by least squares on what was seen before and since. Standard deviations are those of noise
+        in the measured velocity, which the filters leave white; the bias that noise makes where the arm
+        hardly moved is not in them. Raises ArgumentError when the controller has noticed no change.
         """
         change = state.change
         if change is None or change.noticed == 0:
@@ -264,39 +251,71 @@ class CompositeController:
                 "state: expected one in which a change was noticed; state.change says none was"
             )
         rows = state.filters.y.size * max(1, change.steps)
+        before = completed(change.theta_before, change.information_before)
+        after = completed(state.theta, state.information)
+        samples = rows if rows > len(self.regressors) else None
         return estimate_payload(
-            self.regressors, change.theta_before, state.theta, state.information,
-            change.information_before, samples=rows if rows > len(self.regressors) else None, frame=frame,
+            self.regressors, before, after, state.information, change.information_before,
+            samples=samples, frame=frame,
         )  # fmt: skip
+
+    def carried(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
+        """What the arm carries beyond the URDF's own bodies, in ``frame`` (the tool if None).
+
+        The estimate less the URDF's parameters, where it was excited; right if the URDF's masses are.
+        """
+        regressors = self.regressors
+        nominal = regressors.theta_potential
+        return estimate_payload(regressors, nominal, state.theta, state.information, frame=frame)
+
+    @functools.cached_property
+    def _monitor(self) -> GateMonitor:
+        return GateMonitor(self.law.b, self.law.d)
+
+    def _mix(self, information: Any, before: MixedRegression) -> MixedRegression:
+        j = self.regressors.n_potential
+        if isinstance(self.mixing, Directional) and self.mixing.compiled:
+            return self.mixing.mix(information, j, before)
+        return self.mixing.mix(information, j)
 
     def _advance(
         self, state: ControllerState, measurement: Measurement, psi: np.ndarray, e1: np.ndarray, dt: float
     ) -> ControllerState:
-        filters, regression = self.regression.step(state.filters, measurement, dt)
-        information = self.extension.step(state.information, regression, dt)
-        change = state.change
-        if self.detector and change:
-            t, before = measurement.t, state.information
-            change = self.detector.step(change, before, information, state.theta, t, dt)
+        before, information, change = state.measurement, state.information, state.change
+        dt, gap = elapsed(before.t, measurement.t, dt)
+        if gap:
+            filters = self.regression.init(measurement)
+            regression = Regression(filters.y, filters.omega)
+        else:
+            filters, regression = self.regression.step(state.filters, measurement, dt)
+            require_finite(regression, measurement)
+            information = self.extension.step(information, regression, dt)
+        if self.detector and change and not gap:
+            change = self.detector.step(
+                change, state.information, information, state.theta, measurement.t, dt
+            )
             if change.noticed > state.change.noticed:  # type: ignore[union-attr]
                 filters = self.regression.init(measurement)
                 regression = Regression(filters.y, filters.omega)
                 information = self.extension.init(len(self.regressors))
-        mixed = self.mixing.mix(information, self.regressors.n_potential)
+        mixed = self._mix(information, state.mixed)
+        excitation = self._monitor.step(state.excitation, mixed, dt)
         free = np.abs(measurement.tau) < self.effort_limit
-        theta = self.law.step(state.theta, psi, free * e1, free * measurement.v, mixed, dt)
-        excitation = GateMonitor(self.law.b, self.law.d).step(state.excitation, mixed, dt)
+        theta = self.law.step(
+            state.theta, psi, free * e1, free * measurement.v, mixed, dt, excitation.gates
+        )  # fmt: skip
         compensation = state.compensation
-        if self.compensation and compensation:
-            before, known = state.measurement, psi @ theta
+        if self.compensation and compensation and not gap:
+            known = psi @ theta
             compensation = self.compensation.step(
                 compensation, information, before, measurement, known, e1, dt
             )
         disturbance = state.disturbance
-        if self.disturbance and disturbance is not None:
+        if self.disturbance and disturbance is not None and not gap:
             _, q, v, tau = measurement
-            acceleration = (v - state.measurement.v) / dt
-            inertial = self.robot.inverse_dynamics(q, v, acceleration) - self.robot.gravity(q)
+            acceleration = (v - before.v) / dt
+            inertial = self.robot.inverse_dynamics(q, v, acceleration, check=False)
+            inertial -= self.robot.gravity(q, check=False)
             feedback = tau - psi @ state.theta
             disturbance = self.disturbance.step(disturbance, inertial, feedback, dt)
         return ControllerState(

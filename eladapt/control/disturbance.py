@@ -10,9 +10,11 @@ pushes with f.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from eladapt.errors import require_number
 
@@ -49,8 +51,9 @@ class DisturbanceEstimate:
 
     def step(self, d: np.ndarray, inertial: np.ndarray, feedback: np.ndarray, dt: float) -> np.ndarray:
         """d (nv,) [N m] after feedback (nv,) was held for dt [s] and made inertial = M a + C v (nv,)."""
-        return d - np.expm1(-dt / self.memory) * (inertial - feedback - d)
+        return d - math.expm1(-dt / self.memory) * (inertial - feedback - d)
 
     def velocity(self, d: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray, horizon: float) -> np.ndarray:
         """v + H M^-1 d (nv,) [rad/s], from which the semi-implicit law's prediction includes d."""
-        return v + horizon * np.linalg.solve(mass_matrix, d)
+        _, change, _ = dposv(mass_matrix, d)  # a fifth of the time of a general solver
+        return v + horizon * change

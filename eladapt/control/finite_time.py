@@ -7,18 +7,17 @@ rounds the powers off where a step cannot resolve them; the explicit one is the 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import scipy.linalg
 
-from eladapt.control.proximal import signed_power, solve_scalar
+from eladapt.compiling import compiled
+from eladapt.control.proximal import Solution, signed_power, solve_coupled
 from eladapt.errors import ArgumentError, require_gain, require_number
 
 Evaluation = Literal["explicit", "slope_limited", "semi_implicit"]
-ITERATIONS = 40  # of the outer Newton method; 3 to 6 are typical
-CONVERGED = 1e-12  # residual relative to the momenta involved
 
 
 @dataclass(frozen=True)
@@ -31,6 +30,7 @@ class FiniteTimePD:
     evaluation: "semi_implicit" (default), "slope_limited" or "explicit".
     horizon: H [s] of the semi-implicit evaluation, the step by default; longer where noise asks
         for it, since the slope near rest is M/H.
+    compiled: whether numba (extra ``fast``) compiles the semi-implicit evaluation.
 
     Raises ArgumentError for gains outside their range.
     """
@@ -43,6 +43,7 @@ class FiniteTimePD:
     linear: bool = False
     evaluation: Evaluation = "semi_implicit"
     horizon: float | None = None
+    compiled: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "P", require_gain("P", self.P))
@@ -60,12 +61,12 @@ class FiniteTimePD:
         if self.horizon is not None:
             object.__setattr__(self, "horizon", require_number("horizon", self.horizon, 0))
 
-    @property
+    @functools.cached_property
     def a(self) -> float:
         """Exponent of the position error."""
         return 1.0 if self.linear else (2 * self.r2 - self.r1) / self.r1
 
-    @property
+    @functools.cached_property
     def b(self) -> float:
         """Exponent of the velocity."""
         return 1.0 if self.linear else (2 * self.r2 - self.r1) / self.r2
@@ -81,7 +82,7 @@ class FiniteTimePD:
         if self.evaluation == "slope_limited":
             return self._slope_limited(e1, e2, mass_matrix, dt)
         horizon = max(dt, self.horizon or dt)
-        return self.law(*semi_implicit_state(self, e1, e2, mass_matrix, horizon))
+        return semi_implicit_solution(self, e1, e2, mass_matrix, horizon).torque
 
     def _slope_limited(
         self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float
@@ -115,48 +116,19 @@ class PredictedState(NamedTuple):
 def semi_implicit_state(
     law: FiniteTimePD, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, horizon: float
 ) -> PredictedState:
-    """(e1 + H w, w) with M (w - e2) = H law(e1 + H w, w).
+    """(e1 + H w, w) with M (w - e2) = H law(e1 + H w, w), see `proximal.solve_coupled`."""
+    solution = semi_implicit_solution(law, e1, e2, mass_matrix, horizon)
+    return PredictedState(solution.e1, solution.w)
 
-    w is the minimiser of a strictly convex function, so it exists and is unique. Newton's method
-    runs in u with w = prox(u), the solution of the same problem for the diagonal of M alone:
-    M_d (u - e2) + M_off (w(u) - e2) = 0 is linear when the joints do not couple, and smooth where
-    the law is not. A step that does not lower the residual is halved; if even that fails, the best
-    iterate is returned, from which the torque is still the law's at a nearby state.
-    """
-    diagonal = np.diag(mass_matrix)
-    coupling = mass_matrix - np.diag(diagonal)
-    ratio = horizon / diagonal
-    a, b = law.a, law.b
-    columns = (  # s, A, B and K of each joint's scalar problem
-        (e1 / horizon).tolist(),
-        (ratio * law.P * horizon**a).tolist(),
-        (ratio * law.D).tolist(),
-        (1 + ratio * law.D_L).tolist(),
-    )
 
-    def evaluate(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-        roots = [solve_scalar(*problem, a, b) for problem in zip(u.tolist(), *columns, strict=True)]
-        w, x, slope = np.array(roots).T
-        residual = diagonal * (u - e2) + coupling @ (w - e2)
-        return w, x, slope, residual, float(np.linalg.norm(residual / np.sqrt(diagonal)))
+def semi_implicit_solution(
+    law: FiniteTimePD, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, horizon: float
+) -> Solution:
+    """The same with the torque there, and what it took to find it."""
+    solve = compiled(solve_coupled) if law.compiled else solve_coupled
+    P, D, D_L = _diagonal(law.P, len(e2)), _diagonal(law.D, len(e2)), _diagonal(law.D_L, len(e2))
+    return solve(e1, e2, mass_matrix, P, D, D_L, law.a, law.b, horizon)
 
-    u = np.array(e2, dtype=float)
-    w, x, slope, residual, size = evaluate(u)
-    scale = np.linalg.norm(np.sqrt(diagonal) * (np.abs(e2) + np.abs(w))) + np.finfo(float).tiny
-    for _ in range(ITERATIONS):
-        if size <= CONVERGED * scale:
-            break
-        jacobian = coupling * slope
-        jacobian[np.diag_indices_from(jacobian)] += diagonal
-        step = scipy.linalg.solve(jacobian, residual, check_finite=False)
-        fraction = 1.0
-        while fraction > 1e-3:
-            trial = evaluate(u - fraction * step)
-            if trial[-1] < size:
-                break
-            fraction /= 2
-        else:
-            break
-        u = u - fraction * step
-        w, x, slope, residual, size = trial
-    return PredictedState(horizon * x, w)
+
+def _diagonal(gain: Any, size: int) -> np.ndarray:
+    return gain if gain.ndim else np.full(size, gain)

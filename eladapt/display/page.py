@@ -1,23 +1,31 @@
-"""One page, and the server that shows it on the loopback interface."""
+"""The page of a scene, and the server that shows it on the loopback interface."""
 
 from __future__ import annotations
 
+import base64
+import html as escaping
+import json
 import threading
 from http.server import BaseHTTPRequestHandler
+from pathlib import Path
 from socketserver import ThreadingTCPServer
 from string import Template
 from typing import Any
 
+import meshcat
+
+from eladapt.display.scene import Scene
 from eladapt.errors import ArgumentError
 
 LOOPBACK = "127.0.0.1"
+VIEWER_CODE = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
+POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 
 PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline';
- style-src 'unsafe-inline'; img-src data: blob:">
+<meta http-equiv="Content-Security-Policy" content="$policy">
 <title>$title</title>
 <style>
 body { margin: 0; font: 14px/1.5 sans-serif; color: #223 }
@@ -27,23 +35,45 @@ body { margin: 0; font: 14px/1.5 sans-serif; color: #223 }
 </head>
 <body>
 <div id="pane"></div>
-<div id="legend"><b>$title</b>, $duration<br>
-<span style="color: #b35c0a">set-point</span>, <span style="color: #1f5fbf">path of the tool</span></div>
+<div id="legend"><b>$title</b>, $about<br>
+<span style="color: #b35c0a">set-point</span>, <span style="color: #1f5fbf">path of the tool</span>$load</div>
 <script>$code</script>
 <script>
 const viewer = new MeshCat.Viewer(document.getElementById("pane"));
 for (const command of $commands)
   viewer.handle_command_bytearray(Uint8Array.from(atob(command), letter => letter.charCodeAt(0)));
 const camera = $camera;
-const distance = camera.distance * Math.max(1, innerHeight / innerWidth);
-viewer.camera.fov = camera.angle;
-viewer.camera.position.set(...camera.target.map((x, i) => x + distance * camera.towards[i]));
-viewer.controls.target.set(...camera.target);
-viewer.controls.update();
+const place = () => {
+  const distance = camera.distance * Math.max(1, innerHeight / innerWidth);
+  viewer.camera.fov = camera.angle;
+  viewer.camera.position.set(...camera.target.map((x, i) => x + distance * camera.towards[i]));
+  viewer.controls.target.set(...camera.target);
+  viewer.controls.update();
+};
+if (innerWidth > 0) place();
+else addEventListener("resize", place, {once: true});  // in a frame that is not yet shown
+$stream
 </script>
 </body>
 </html>
 """)
+
+
+def filled(
+    scene: Scene, camera: dict[str, Any], title: str, about: str, load: str, stream: str | None = None
+) -> str:
+    """The page of a scene. load: what the legend says behind the estimated load; nothing of it if empty.
+    ``stream`` is the address of the websocket from which it goes on, if any."""
+    return PAGE.substitute(
+        policy=POLICY if stream is None else f"{POLICY}; connect-src {stream}",
+        title=escaping.escape(title),
+        about=escaping.escape(about),
+        load=load and f', <span style="color: #2f7a46">load as estimated</span>{load}',
+        code=VIEWER_CODE.read_text(encoding="utf-8"),
+        commands=json.dumps([base64.b64encode(command).decode("ascii") for command in scene.commands]),
+        camera=json.dumps(camera),
+        stream="" if stream is None else f'viewer.connect("{stream}");',
+    )
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from eladapt.display.curves import ARRIVED, COLOURS, SMALLEST, reduced
 from eladapt.errors import ArgumentError
 from eladapt.files import atomic_write
 from eladapt.simulation.record import Record
@@ -23,17 +24,9 @@ STYLE: Any = {
     "grid.color": "0.9", "axes.axisbelow": True, "axes.spines.top": False, "axes.spines.right": False,
     "lines.linewidth": 1.2, "legend.frameon": False, "svg.fonttype": "none",
 }  # fmt: skip
-# Neighbours differ in lightness, so that they differ in grey too.
-COLOURS = (
-    "#14213d", "#e07a1f", "#1d6f8a", "#d6609a", "#2f6b22", "#9c8af0",
-    "#8c2f1b", "#45b5a6", "#5b2a86", "#b5a01a", "#5c6773", "#e39b8b",
-)  # fmt: skip
 DASHES = ("-", (0, (6, 1.5)), (0, (5, 1.2, 1, 1.2)), (0, (2, 1)), (0, (7, 1, 1, 1, 1, 1)))
-SMALLEST = 1e-12  # the end of a logarithmic axis: what is below is rounding
-MOST_POINTS = 3000  # of one curve; its extremes are kept
 MOST_NUMBERS = 14  # estimates that are numbered at their right end
 LONGEST_LABEL = 84  # characters
-ARRIVED = 1e-3  # [rad], the error below which the arm counts as settled
 
 
 class _Panel(NamedTuple):
@@ -173,8 +166,11 @@ def _limits(axes: Axes, record: Record) -> None:
 def _estimates(axes: Axes, record: Record) -> None:
     for index, column in enumerate(record.theta.T):
         colour = _look(index)["color"]
-        axes.plot(*_reduced(record.t, column), color=colour)
-        if record.theta_true is not None:
+        axes.plot(*reduced(record.t, column), color=colour)
+        if record.theta_true_course is not None:
+            true = reduced(record.t, record.theta_true_course[:, index])
+            axes.plot(*true, color=colour, linestyle=(0, (4, 3)), linewidth=0.8)
+        elif record.theta_true is not None:
             axes.axhline(record.theta_true[index], color=colour, linestyle=(0, (4, 3)), linewidth=0.8)
 
 
@@ -207,7 +203,7 @@ def _estimation_errors(axes: Axes, record: Record) -> None:
 
 def _curves(axes: Axes, t: np.ndarray, values: np.ndarray, **changes: Any) -> None:
     for index, column in enumerate(values.T):
-        axes.plot(*_reduced(t, column), **{**_look(index), **changes})
+        axes.plot(*reduced(t, column), **{**_look(index), **changes})
 
 
 def _logarithmic(axes: Axes, t: np.ndarray, values: np.ndarray, **changes: Any) -> None:
@@ -218,16 +214,6 @@ def _logarithmic(axes: Axes, t: np.ndarray, values: np.ndarray, **changes: Any) 
 def _look(index: int) -> dict[str, Any]:
     """The colour and the dashes of curve ``index``; 40 differ."""
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)]}
-
-
-def _reduced(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The curve by at most `MOST_POINTS` points: the least and the greatest value of each interval."""
-    width = -(-2 * len(t) // MOST_POINTS)
-    if width <= 2:
-        return t, values
-    starts = np.arange(0, len(t), width)
-    extremes = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
-    return np.repeat(t[starts], 2), np.stack(extremes, axis=1).ravel()
 
 
 def _legends(figure: Figure, records: Sequence[Record], heading: str = "") -> None:

@@ -1,31 +1,26 @@
-"""The motion of a record in three dimensions: the arm, its set-point as a ghost, the tool's path.
+"""The motion of a record in three dimensions: the arm, its set-point as a ghost, the tool's path, the load.
 
 One self-contained page holds everything, MeshCat's viewer included. It is written to a file, or
 served from memory on the loopback interface; it makes no request of its own, and its content
-security policy has the browser refuse any.
+security policy has the browser refuse any. A run that is still going on is shown by `live`.
 """
 
 from __future__ import annotations
 
-import base64
-import html as escaping
-import itertools
-import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, overload
 
-import coal
-import meshcat
 import numpy as np
-import pinocchio as pin
-import umsgpack
 from meshcat import geometry as draw
 from meshcat.animation import Animation
 
-from eladapt.display.meshes import drawn
-from eladapt.display.page import LOOPBACK, PAGE, PageServer
+from eladapt.display import loads
+from eladapt.display.live import LiveView
+from eladapt.display.page import LOOPBACK, PageServer, filled
+from eladapt.display.scene import TRAIL_COLOUR, Scene, camera_for, motion_of, visuals_of
 from eladapt.errors import ArgumentError, require_number
 from eladapt.files import atomic_write
 from eladapt.robot.model import Robot
@@ -33,9 +28,6 @@ from eladapt.simulation.record import Record
 
 FRAMES_PER_SECOND = 30
 MOST_FRAMES = 3000  # of one animation; a longer motion gets fewer frames a second
-GHOST_COLOUR, TRAIL_COLOUR = 0xE8862A, 0x1F5FBF
-FIELD_OF_VIEW = 40.0  # [deg] vertical
-VIEWER_CODE = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
 
 
 @dataclass(frozen=True)
@@ -61,41 +53,61 @@ class View:
             self.server.server_close()
 
 
+@overload
 def view(
-    record: Record, html: str | Path | None = None, *, speed: float = 1.0, loop: bool = True, port: int = 0
-) -> View:
+    shown: Record, html: str | Path | None = None, *, speed: float = 1.0, loop: bool = True, port: int = 0,
+    live: Literal[False] = False,
+) -> View: ...  # fmt: skip
+@overload
+def view(
+    shown: Robot, *, live: Literal[True], port: int = 0, load: Callable[[Any], Any] | None = None
+) -> LiveView: ...
+def view(
+    shown: Record | Robot, html: str | Path | None = None, *, speed: float = 1.0, loop: bool = True,
+    port: int = 0, live: bool = False, load: Callable[[Any], Any] | None = None,
+) -> View | LiveView:  # fmt: skip
     """Show the motion in a browser, or write it to a self-contained file when ``html`` is a path.
 
-    speed: 1 is real time, 0.5 is half of it. loop: start again at the end. port: of the loopback
-    server, 0 for one that is free; the server ends with `View.close`, or with the process.
+    speed: 1 is real time, 0.5 is half of it. loop: start again at the end; the page's "Open Controls >
+    Animations" has start, stop, time and speed as well. port: of the loopback server, 0 for one that is
+    free; the server ends with `View.close`, or with the process.
+
+    live: show a run while it goes on. ``shown`` is then the robot, and the `LiveView` that is
+    returned takes its postures, from `simulate` or from a loop of one's own:
+
+        live = ea.view(robot, live=True, load=controller.carried)
+        record = ea.simulate(controller, plant, goal, observer=live)
+
     Raises ArgumentError for a record without motion, a mesh outside the folders it may come from, a
     file name that does not end in .html, and a port that cannot be had.
     """
+    if live:
+        if not isinstance(shown, Robot) or html is not None:
+            raise ArgumentError(
+                "live: expected view(robot, live=True), without html; a record is in the past"
+            )
+        return LiveView(shown, port=port, load=load)
+    if not isinstance(shown, Record):
+        raise ArgumentError(f"shown: expected a Record, or a Robot with live=True, got {shown!r}")
     speed = require_number("speed", speed, 0.0)
     if html is None:
-        server = PageServer(_page(record, speed, loop), port)
+        server = PageServer(page_of(shown, speed, loop), port)
         url = f"http://{LOOPBACK}:{server.server_address[1]}/"
         print(f"The motion can be seen at {url}", flush=True)
         return View(url, server=server)
     path = Path(html)
     if path.suffix.lower() not in (".html", ".htm"):
         raise ArgumentError(f"html: expected a file name that ends in .html, got {str(html)!r}")
-    page = _page(record, speed, loop)
+    page = page_of(shown, speed, loop)
     with atomic_write(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return View(path.resolve().as_uri(), path)
 
 
-class _Motion(NamedTuple):
-    """Where everything is, frame by frame."""
-
-    joints: np.ndarray  # (frames, njoints, 4, 4), the world first
-    tool: np.ndarray  # (frames, 3) [m]
-
-
-def _page(record: Record, speed: float, loop: bool) -> str:
+def page_of(record: Record, speed: float = 1.0, loop: bool = True) -> str:
+    """The self-contained page. Raises ArgumentError as `view` does."""
     robot = Robot.from_source(record.robot_source)
-    visuals = _visuals(robot)
+    visuals = visuals_of(robot)
     finite = np.isfinite(record.q).all(axis=1)
     n = len(finite) if finite.all() else int(np.argmin(finite))
     if n == 0:
@@ -104,11 +116,11 @@ def _page(record: Record, speed: float, loop: bool) -> str:
     seconds = t[-1] / speed
     fps = min(FRAMES_PER_SECOND, MOST_FRAMES / max(seconds, 1.0))
     times = speed / fps * np.arange(math.floor(seconds * fps) + 1)
-    motion = _motion(robot, t, record.q[:n], times)
-    ghost = _motion(robot, t, goal, times if np.any(goal != goal[0]) else times[:1])
+    motion = motion_of(robot, t, record.q[:n], times)
+    ghost = motion_of(robot, t, goal, times if np.any(goal != goal[0]) else times[:1])
 
-    camera = _camera(visuals, motion, ghost)
-    scene = _Scene()
+    camera = camera_for(visuals, motion, ghost)
+    scene = Scene()
     scene.draw_surroundings(camera["distance"])
     scene.draw_robots(visuals)
     path = draw.PointsGeometry(motion.tool.T)
@@ -116,156 +128,11 @@ def _page(record: Record, speed: float, loop: bool) -> str:
     animation = Animation(default_framerate=fps)
     scene.move("robot", motion, animation)
     scene.move("set-point", ghost, animation)
+    carried = loads.loads_of(record, robot, motion, times)
+    if carried is not None:
+        loads.animate(scene, carried, animation)
     scene.root.set_animation(animation, repetitions=math.inf if loop else 1)
-    return PAGE.substitute(
-        title=escaping.escape(record.title or robot.name),
-        duration=f"{t[-1]:.3g} s" + ("" if speed == 1 else f" at {speed:g} times real time"),
-        code=VIEWER_CODE.read_text(encoding="utf-8"),
-        commands=json.dumps(scene.commands),
-        camera=json.dumps(camera),
-    )
-
-
-def _visuals(robot: Robot) -> pin.GeometryModel:
-    """The robot's visuals, or a stick figure when it has none. Raises ArgumentError for a foreign mesh."""
-    visuals = robot.visual_model()
-    folders = [Path(folder).resolve() for folder in (str(robot.path.parent), *robot.package_dirs)]
-    for shape in visuals.geometryObjects:
-        if isinstance(shape.geometry, coal.BVHModelBase):
-            mesh = Path(shape.meshPath).resolve()
-            if not any(mesh.is_relative_to(folder) for folder in folders):
-                raise ArgumentError(
-                    f"{robot.path}: the mesh {mesh} lies outside the folders that meshes may come from: "
-                    f"{', '.join(map(str, folders))}; name its folder in package_dirs"
-                )
-    return visuals if visuals.ngeoms else _stick_figure(robot)
-
-
-def _stick_figure(robot: Robot) -> pin.GeometryModel:
-    """Capsules from joint to joint, and from the last joints to what they carry."""
-    model, figure = robot.model, pin.GeometryModel()
-    ends = [(model.parents[j], model.jointPlacements[j].translation) for j in range(1, model.njoints)]
-    ends += [(j, _tip(robot, j)) for j in range(1, model.njoints) if j not in list(model.parents)]
-    thickness = 0.02 * sum(np.linalg.norm(end) for _, end in ends) or 0.02
-    for index, (joint, end) in enumerate(ends):
-        length, upright = float(np.linalg.norm(end)), np.array([0.0, 0.0, 1.0])
-        rotation = pin.Quaternion.FromTwoVectors(upright, end if length else upright).toRotationMatrix()
-        capsule = coal.Capsule(thickness, length)
-        limb = pin.GeometryObject(f"limb {index}", joint, pin.SE3(rotation, end / 2), capsule)
-        limb.meshColor = np.array([0.55, 0.6, 0.66, 1.0])
-        figure.addGeometryObject(limb)
-    return figure
-
-
-def _tip(robot: Robot, joint: int) -> np.ndarray:
-    """(3,) the end of a last link in its joint's frame [m]: the tool, or where a uniform rod would end."""
-    tool = robot.model.frames[robot.model.getFrameId(robot.tool)]
-    at_joint = tool.parentJoint != joint or np.linalg.norm(tool.placement.translation) < 1e-9
-    return 2 * robot.model.inertias[joint].lever if at_joint else tool.placement.translation
-
-
-def _motion(robot: Robot, t: np.ndarray, q: np.ndarray, times: np.ndarray) -> _Motion:
-    """The placements at ``times`` of the motion q (N, nq) sampled at t (N,), both [s]."""
-    model, data = robot.model, robot.model.createData()
-    tool = robot.model.frames[robot.model.getFrameId(robot.tool)].parentJoint
-    tip = _tip(robot, tool) if tool else np.zeros(3)
-    before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
-    joints = np.empty((len(times), model.njoints, 4, 4))
-    for frame, (k, time) in enumerate(zip(before, times, strict=True)):
-        after = min(k + 1, len(t) - 1)
-        share = (time - t[k]) / (t[after] - t[k]) if after > k else 0.0
-        pin.forwardKinematics(model, data, pin.interpolate(model, q[k], q[after], share))
-        joints[frame] = [placement.homogeneous for placement in data.oMi]
-    return _Motion(joints, joints[:, tool, :3, :3] @ tip + joints[:, tool, :3, 3])
-
-
-class _Scene:
-    """MeshCat's commands, kept instead of sent: ``root`` draws into ``commands``."""
-
-    def __init__(self) -> None:
-        self.commands: list[str] = []  # base64 of MessagePack
-        self.root = meshcat.Visualizer(window=self)
-        self._numbers = itertools.count()
-
-    def send(self, command: Any) -> None:
-        packed = umsgpack.packb(command.lower(), force_float_precision="single")
-        self.commands.append(base64.b64encode(packed).decode("ascii"))
-
-    def draw(self, path: str, shape: draw.Geometry, look: draw.Material, kind: type = draw.Mesh) -> None:
-        """Draw one object. Its identifiers are counted: MeshCat's own hold the computer's address."""
-        thing = kind(shape, look)
-        for element in (shape, look, thing):
-            element.uuid = str(next(self._numbers))
-        self.root[path].set_object(thing)
-
-    def draw_surroundings(self, distance: float) -> None:
-        """A bright background, less light (white arms keep their shape), and a floor in scale."""
-        self.root["/Background"].set_property("top_color", [0.98, 0.98, 0.99])
-        self.root["/Background"].set_property("bottom_color", [0.78, 0.82, 0.87])
-        for lamp, intensity in (("AmbientLight", 0.45), ("FillLight", 0.3)):
-            self.root[f"/Lights/{lamp}/<object>"].set_property("intensity", intensity)
-        for helper in ("/Axes", "/Grid"):
-            self.root[helper].set_property("visible", False)
-        cell = 10.0 ** math.floor(math.log10(distance / 4))
-        count = math.ceil(distance / 3 / cell)
-        edge = cell * count
-        ends = [
-            [(x, -edge, 0), (x, edge, 0), (-edge, x, 0), (edge, x, 0)]
-            for x in np.linspace(-edge, edge, 2 * count + 1)
-        ]
-        lines = draw.PointsGeometry(np.array(ends).reshape(-1, 3).T)
-        self.draw("floor", lines, draw.LineBasicMaterial(0x9AA4AE), draw.LineSegments)
-
-    def draw_robots(self, visuals: pin.GeometryModel) -> None:
-        """The robot and its ghost: a node a joint, with the shapes that the joint carries below it."""
-        shapes = list(visuals.geometryObjects)
-        total = max(1, sum(getattr(shape.geometry, "num_tris", 0) for shape in shapes))
-        for index, shape in enumerate(shapes):
-            is_mesh = isinstance(shape.geometry, coal.BVHModelBase)
-            *rgb, opacity = shape.meshColor
-            colour = int.from_bytes(bytes(round(255 * min(max(part, 0), 1)) for part in rgb), "big")
-            solid = draw.MeshPhongMaterial(colour, opacity=opacity, flatShading=is_mesh)
-            ghostly = draw.MeshPhongMaterial(
-                GHOST_COLOUR, opacity=0.3, flatShading=is_mesh,
-                polygonOffset=True, polygonOffsetFactor=0, polygonOffsetUnits=300,  # the arm hides its ghost
-            )  # fmt: skip
-            for part, (geometry, thinned, placement) in enumerate(drawn(shape, total)):
-                path = f"{shape.parentJoint}/{index}.{part}"
-                for name, form, look in (("robot", geometry, solid), ("set-point", thinned, ghostly)):
-                    self.draw(f"{name}/{path}", form, look)
-                    self.root[f"{name}/{path}"].set_transform(shape.placement.homogeneous @ placement)
-
-    def move(self, name: str, motion: _Motion, animation: Animation) -> None:
-        for joint in range(1, motion.joints.shape[1]):
-            node, placements = self.root[f"{name}/{joint}"], motion.joints[:, joint]
-            node.set_transform(placements[0])
-            if len(placements) > 1:
-                for frame, placement in enumerate(placements):
-                    animation.at_frame(node, frame).set_transform(placement)
-
-
-def _camera(visuals: pin.GeometryModel, motion: _Motion, ghost: _Motion) -> dict[str, Any]:
-    """A camera that has the whole motion in view, facing the plane it mostly moves in."""
-    corners = [motion.tool]
-    for shape in visuals.geometryObjects:
-        shape.geometry.computeLocalAABB()
-        box = shape.geometry.aabb_local
-        local = np.array(list(itertools.product(*zip(box.min_, box.max_, strict=True))))
-        local = shape.placement.rotation @ local.T + shape.placement.translation[:, None]
-        for placements in (motion.joints[::10], ghost.joints[::10]):
-            world = placements[:, shape.parentJoint]
-            corners.append((world[:, :3, :3] @ local + world[:, :3, 3:]).swapaxes(1, 2).reshape(-1, 3))
-    points = np.concatenate(corners)
-    low, high = points.min(axis=0), points.max(axis=0)
-    centre, towards = (low + high) / 2, np.array([0.45, -0.45, 0.35])
-    narrowest = int(np.argmin(high - low))
-    towards[narrowest] = np.sign(towards[narrowest])
-    towards /= np.linalg.norm(towards)
-    right = np.cross([0, 0, 1], towards) / np.linalg.norm(towards[:2])
-    axes = np.stack([right, np.cross(towards, right), towards])
-    aside_x, aside_y, depth = axes @ (points - centre).T
-    aside = np.maximum(np.abs(aside_x), np.abs(aside_y)) / math.tan(math.radians(FIELD_OF_VIEW / 2))
-    return {  # in three.js's axes, where y is up
-        "angle": FIELD_OF_VIEW, "distance": 1.1 * float(np.max(depth + aside)),
-        "target": [centre[0], centre[2], -centre[1]], "towards": [towards[0], towards[2], -towards[1]],
-    }  # fmt: skip
+    known = carried is not None and carried.true_centre is not None
+    load = "" if carried is None else ", true load in wires" if known else " "
+    duration = f"{t[-1]:.3g} s" + ("" if speed == 1 else f" at {speed:g} times real time")
+    return filled(scene, camera, record.title or robot.name, duration, load)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.estimation.excitation import zeta_1
+from eladapt.estimation.triangle import kernels
 from eladapt.signals import MixedRegression
 
 
@@ -23,6 +25,7 @@ class CompositeLaw:
     diagonal, Gamma in units of theta^2/J; b, d: exponents of (fphi) and (329), 0 < b <= 1, d > 0.
     bounds: known |theta_U| bounds, scalar or (n_potential,), or (n_potential, 2) intervals; the
     estimate is projected on them (Assumption 1). direct, indirect: which of the two terms act.
+    compiled: by numba (extra ``fast``).
     """
 
     gamma1: float = 0.3
@@ -35,6 +38,7 @@ class CompositeLaw:
     bounds: float | np.ndarray | None = None
     direct: bool = True
     indirect: bool = True
+    compiled: bool = False
 
     def __post_init__(self) -> None:
         for name in ("gamma1", "gamma2", "d1"):
@@ -57,6 +61,11 @@ class CompositeLaw:
         rate = np.atleast_1d(np.asarray(self.Gamma) * np.asarray(self.Upsilon))
         return bool(np.all(rate == rate[0]))
 
+    @property
+    def rate(self) -> float | np.ndarray:
+        """(gamma1 + gamma2) Gamma Upsilon, before the gates."""
+        return (self.gamma1 + self.gamma2) * self.Gamma * self.Upsilon
+
     def step(
         self,
         theta: np.ndarray,
@@ -65,39 +74,78 @@ class CompositeLaw:
         e2: np.ndarray,
         mixed: MixedRegression,
         dt: float,
+        gates: np.ndarray | None = None,
     ) -> np.ndarray:
-        """theta_U (j,) after dt [s]; psi (nv, j), e1, e2 (nv,), mixed over theta_U or over all."""
-        if self.direct:
-            drive = self.gamma1 * self.d1 * np.tanh(e1) + (self.gamma1 + self.gamma2) * e2
-            theta = theta - dt * self.Gamma * (psi.T @ drive)
-        if self.indirect:
-            theta = self._towards(mixed, theta, dt)
+        """theta_U (j,) after dt [s]; psi (nv, j), e1, e2 (nv,), mixed over theta_U or over all.
+
+        gates: zeta_1 of mixed.delta, where it is known already. All arrays may have the same leading axes.
+        """
+        gates = zeta_1(mixed.delta, self.b, self.d) if gates is None else gates
+        if self.compiled and theta.ndim == 1:
+            theta = self._compiled_step(theta, psi, e1, e2, mixed, gates, dt)
+        else:
+            if self.direct:
+                position, velocity = self._direct_factors
+                drive = position * np.tanh(e1) + velocity * e2
+                theta = theta - dt * self.Gamma * (drive[..., None, :] @ psi)[..., 0, :]
+            if self.indirect and theta.shape[-1]:
+                theta = self._towards(mixed, theta, gates, dt)
         if self.bounds is not None:
             theta = np.clip(theta, self.bounds[..., 0], self.bounds[..., 1])  # type: ignore[index]
         return theta
 
-    def _towards(self, mixed: MixedRegression, theta: np.ndarray, dt: float) -> np.ndarray:
+    @functools.cached_property
+    def _direct_factors(self) -> tuple[float, float]:
+        """Of tanh(e1) and e2 in (318)."""
+        return (self.gamma1 * self.d1, self.gamma1 + self.gamma2) if self.direct else (0.0, 0.0)
+
+    @functools.cached_property
+    def _vectors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gamma and the rate, of one entry or of one a parameter."""
+        return np.reshape(self.Gamma, -1), np.reshape(self.rate * self.indirect, -1)
+
+    def _compiled_step(
+        self, theta: np.ndarray, psi: np.ndarray, e1: np.ndarray, e2: np.ndarray, mixed: MixedRegression,
+        gates: np.ndarray, dt: float,
+    ) -> np.ndarray:  # fmt: skip
+        delta = mixed.delta if np.ndim(mixed.delta) else np.full(1, mixed.delta)
+        gates = gates if gates.ndim else np.full(1, gates)
+        return kernels().adapt(
+            theta,
+            psi,
+            e1,
+            e2,
+            *self._direct_factors,
+            *self._vectors,
+            self.b,
+            mixed.Y,
+            delta,
+            gates,
+            mixed.basis,
+            dt,
+        )
+
+    def _towards(self, mixed: MixedRegression, theta: np.ndarray, gates: np.ndarray, dt: float) -> np.ndarray:
         """The indirect term's flow from theta, towards the least-squares estimate."""
-        j = len(theta)
-        excited = np.broadcast_to(np.asarray(mixed.delta) > 0, mixed.Y.shape)
-        if j == 0 or not excited.any():
-            return theta
-        estimate = np.divide(mixed.Y, mixed.delta, where=excited, out=np.zeros_like(mixed.Y))
-        rate = (self.gamma1 + self.gamma2) * self.Gamma * self.Upsilon * zeta_1(mixed.delta, self.b, self.d)
-        if np.ndim(mixed.delta):
-            error = mixed.basis.T @ theta - estimate
-            return theta + mixed.basis @ (flow(error, rate, self.b, dt) - error)
-        error = theta - estimate[-j:]
-        return theta + flow(error, rate, self.b, dt) - error
+        directional = np.ndim(mixed.delta) == mixed.Y.ndim
+        delta = mixed.delta if directional else np.asarray(mixed.delta)[..., None]
+        gates = gates if directional else np.reshape(gates, np.shape(delta))
+        excited = delta > 0
+        estimate = mixed.Y / np.where(excited, delta, 1.0)  # Y is 0 where delta is
+        if directional:
+            error = (theta[..., None, :] @ mixed.basis)[..., 0, :] - estimate
+        else:
+            error = theta - estimate[..., -theta.shape[-1] :]
+        moved = np.where(excited, flow(error, self.rate * gates, self.b, dt) - error, 0.0)
+        return theta + ((mixed.basis @ moved[..., None])[..., 0] if directional else moved)
 
 
-def flow(x: np.ndarray, rate: np.ndarray, b: float, dt: float) -> np.ndarray:
+def flow(x: np.ndarray, rate: float | np.ndarray, b: float, dt: float) -> np.ndarray:
     """The solution after dt of x' = -rate |x|^b sign(x), element by element; it stops at 0."""
-    size = np.abs(x)
     if b == 1:
         return x * np.exp(-rate * dt)
-    left = np.maximum(size ** (1 - b) - (1 - b) * rate * dt, 0.0)
-    return np.sign(x) * left ** (1 / (1 - b))
+    left = np.maximum(np.abs(x) ** (1 - b) - (1 - b) * dt * rate, 0.0)
+    return np.copysign(left ** (1 / (1 - b)), x)
 
 
 def _intervals(bounds: float | np.ndarray) -> np.ndarray:

@@ -16,15 +16,25 @@ from eladapt.errors import require_number
 from eladapt.estimation.extensions import Information
 
 
+class Snapshot(NamedTuple):
+    """What was known at a time."""
+
+    t: float  # [s]
+    theta: np.ndarray  # (n_potential,)
+    information: Information
+
+
 class Change(NamedTuple):
     """What is known of changes so far."""
 
     noticed: int  # how many there were
     t: float  # [s] when the last one was; -inf before the first
-    steps: int  # since then
+    steps: float  # since then, each counting as much as the information still remembers of it
     level: float  # mean square innovation in quiet times
-    theta_before: np.ndarray  # (n_potential,) estimate when the last one was noticed
+    theta_before: np.ndarray  # (n_potential,) estimate before the last one
     information_before: Information
+    recent: Snapshot  # at most `margin` old
+    trusted: Snapshot  # `margin` to twice that old: before a change that is being noticed
 
 
 @dataclass(frozen=True)
@@ -33,20 +43,24 @@ class ChangeDetector:
 
     least: in units of weighted rows, 0.01 of an effort limit with derived gains (0.9 N m on a Panda's
     shoulder). memory [s]: over which the quiet RMS is taken. pause [s]: least time between changes.
+    margin [s]: what was learned so shortly before a change was noticed (a load that comes slowly takes
+    10 ms) may have been learned of the changed arm, and is not used as what was known before.
     """
 
     least: float = 0.01
     factor: float = 6.0
     memory: float = 1.0
     pause: float = 0.2
+    margin: float = 0.05
 
     def __post_init__(self) -> None:
-        for name in ("least", "factor", "memory", "pause"):
+        for name in ("least", "factor", "memory", "pause", "margin"):
             object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
 
     def init(self, information: Information, n_potential: int) -> Change:
         """Nothing noticed yet."""
-        return Change(0, -np.inf, 0, 0.0, np.zeros(n_potential), information)
+        nothing = Snapshot(-np.inf, np.zeros(n_potential), information)
+        return Change(0, -np.inf, 0.0, 0.0, nothing.theta, information, nothing, nothing)
 
     def step(
         self, change: Change, before: Information, after: Information, theta: np.ndarray, t: float, dt: float
@@ -55,7 +69,13 @@ class ChangeDetector:
         square = after.innovation**2
         limit = max(self.least**2, self.factor**2 * change.level)
         if square > limit and t - change.t > self.pause:
-            return Change(change.noticed + 1, t, 0, change.level, theta, before)
+            _, known, seen = change.trusted
+            now = Snapshot(t, theta, after)
+            return Change(change.noticed + 1, t, 0.0, change.level, known, seen, now, now)
         share = min(1.0, dt / self.memory)
         level = change.level + share * (min(square, limit) - change.level)
-        return change._replace(level=level, steps=change.steps + 1)
+        kept = after.prior / before.prior if before.prior > 0 else 1.0
+        change = change._replace(level=level, steps=kept * change.steps + 1)
+        if t - change.recent.t >= self.margin:
+            change = change._replace(recent=Snapshot(t, theta, before), trusted=change.recent)
+        return change

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import expit, xlogy
 
-from eladapt.estimation.extensions import Information, Kreisselmeier, accumulate
+from eladapt.estimation.extensions import Information, Kreisselmeier
+from eladapt.estimation.triangle import accumulate
 from eladapt.signals import MixedRegression, Regression
 
 
@@ -20,13 +21,7 @@ def saturation(delta: float | np.ndarray, c: float, d: float) -> np.ndarray:
 
 def zeta_1(delta: float | np.ndarray, b: float, d: float) -> np.ndarray:
     """zeta_1 = f(Delta) |Delta|^b sign(Delta) for c = b, in [0, 1): a logistic curve in log |Delta|."""
-    return expit((b + d) * log_delta(delta))
-
-
-def log_delta(delta: float | np.ndarray) -> np.ndarray:
-    """The natural logarithm of |Delta|, -inf where nothing is excited."""
-    with np.errstate(divide="ignore"):
-        return np.log(np.abs(np.asarray(delta, dtype=float)))
+    return expit(xlogy(b + d, np.abs(delta)))
 
 
 class Excitation(NamedTuple):
@@ -43,11 +38,14 @@ class GateMonitor:
     b: float = 0.5
     d: float = 0.5
 
-    def init(self, size: int) -> Excitation:
+    def init(self, size: int | tuple[int, ...]) -> Excitation:
+        """size: how many gates, (k,) or with leading axes (..., k)."""
         return Excitation(np.zeros(size), np.zeros(size))
 
     def step(self, excitation: Excitation, mixed: MixedRegression, dt: float) -> Excitation:
-        gates = np.broadcast_to(zeta_1(mixed.delta, self.b, self.d), excitation.gates.shape)
+        gates = zeta_1(mixed.delta, self.b, self.d)
+        if gates.shape != excitation.gates.shape:
+            gates = np.reshape(gates, excitation.gates.shape)
         return Excitation(gates, excitation.integral + dt * gates)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from eladapt.errors import ArgumentError
 from eladapt.estimation.extensions import Information
+from eladapt.estimation.triangle import directions, kernels
 from eladapt.signals import MixedRegression
 
 Scope = Literal["all", "potential"]
@@ -21,6 +22,7 @@ Scope = Literal["all", "potential"]
 # A direction whose singular value is below this part of the whole triangle's norm is numerical dust: solving
 # for it would leave fewer than nine digits (measured on panda and two_link). Its gate is shut.
 DUST = 1e-6
+TINY = float(np.finfo(float).tiny)
 LOG_LIMIT = 600.0  # |log delta| beyond this leaves the range of doubles once multiplied
 
 
@@ -32,16 +34,22 @@ class Spectrum(NamedTuple):
     basis: np.ndarray  # (k, k) directions, one a column
 
 
-def spectrum(information: Information, n_potential: int, scope: Scope) -> Spectrum:
-    """Singular directions of the (eliminated) triangle with their gates and estimates."""
-    triangle, vector = information.triangle[:-1, :-1], information.triangle[:-1, -1]
-    start = len(vector) - n_potential if scope == "potential" else 0
-    left, singular, right = np.linalg.svd(triangle[start:, start:])
-    excited = singular > DUST * max(np.linalg.norm(triangle), np.finfo(float).tiny)
-    estimate = np.zeros_like(singular)
-    estimate[excited] = (left.T @ vector[start:])[excited] / singular[excited]
-    gates = np.where(excited, information.gate(singular**2), 0.0)
-    return Spectrum(estimate, gates, right.T)
+def spectrum(
+    information: Information, n_potential: int, scope: Scope, before: np.ndarray | None = None,
+    compiled: bool = False,
+) -> Spectrum:  # fmt: skip
+    """Singular directions of the (eliminated) triangle with their gates and estimates.
+
+    before: the basis of the sample before, if there is one, with which the compiled search begins.
+    """
+    triangle = information.triangle
+    size = triangle.shape[-1] - 1
+    start = size - n_potential if scope == "potential" else 0
+    found = directions(triangle, start, before, compiled and size > start)
+    least = DUST * np.maximum(found.scale, TINY)
+    excited = found.singular > (least[..., None] if np.ndim(least) else least)
+    gates = information.gate(found.singular**2)
+    return Spectrum(np.where(excited, found.estimate, 0.0), np.where(excited, gates, 0.0), found.basis)
 
 
 @dataclass(frozen=True)
@@ -56,10 +64,10 @@ class Determinant:
     def mix(self, information: Information, n_potential: int) -> MixedRegression:
         """Scalar regressions with one common delta."""
         estimate, gates, basis = spectrum(information, n_potential, self.scope)
-        if not np.all(gates > 0):
-            return _common(0.0, estimate, basis)
-        log_delta = np.clip(np.sum(np.log(gates)), -LOG_LIMIT, LOG_LIMIT)
-        return _common(float(np.exp(log_delta)), estimate, basis)
+        with np.errstate(divide="ignore"):
+            log_delta = np.sum(np.log(gates), axis=-1)
+        delta = np.exp(np.clip(log_delta, -LOG_LIMIT, LOG_LIMIT)) * np.all(gates > 0, axis=-1)
+        return _common(delta, estimate, basis)
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,7 @@ class SmallestEigenvalue:
     def mix(self, information: Information, n_potential: int) -> MixedRegression:
         """Scalar regressions with one common delta."""
         estimate, gates, basis = spectrum(information, n_potential, self.scope)
-        return _common(float(gates.min(initial=1.0)), estimate, basis)
+        return _common(gates.min(axis=-1, initial=1.0), estimate, basis)
 
 
 @dataclass(frozen=True)
@@ -83,16 +91,37 @@ class Directional:
 
     What is excited is learned at once, whatever else is not. The paper's Lyapunov argument keeps
     (zeta_1 becomes the smallest gate) for a scalar Gamma Upsilon; element-wise monotonicity is lost.
+
+    compiled: by numba (extra ``fast``), which begins with the directions of the sample before.
     """
 
-    def mix(self, information: Information, n_potential: int) -> MixedRegression:
-        """Scalar regressions, one a direction."""
-        estimate, gates, basis = spectrum(information, n_potential, "potential")
+    compiled: bool = False
+
+    def mix(
+        self, information: Information, n_potential: int, before: MixedRegression | None = None
+    ) -> MixedRegression:
+        """Scalar regressions, one a direction; before: that of the sample before, if there is one."""
+        triangle = information.triangle
+        if self.compiled and triangle.ndim == 2 and n_potential:
+            basis, first = (
+                np.eye(n_potential) if before is None else before.basis,
+                len(triangle) - 1 - n_potential,
+            )
+            prior, saturation = information.prior, information.saturation
+            return MixedRegression(
+                *kernels().directional_mix(triangle, first, basis, prior, saturation, DUST)
+            )
+        known = None if before is None else before.basis
+        estimate, gates, basis = spectrum(information, n_potential, "potential", known, self.compiled)
         return MixedRegression(gates * estimate, gates, basis)
 
 
-def _common(delta: float, estimate: np.ndarray, basis: np.ndarray) -> MixedRegression:
-    return MixedRegression(delta * (basis @ estimate), delta, np.eye(len(estimate)))
+def _common(delta: float | np.ndarray, estimate: np.ndarray, basis: np.ndarray) -> MixedRegression:
+    delta = np.asarray(delta)
+    theta = (basis @ estimate[..., None])[..., 0]
+    return MixedRegression(
+        delta[..., None] * theta, delta if delta.ndim else float(delta), np.eye(theta.shape[-1])
+    )
 
 
 def _require_scope(scope: str) -> None:

@@ -8,38 +8,47 @@ initial state z(0) = -lambda_0 phi_3(0) of (419) and z(0) = -lambda_0 omega(0) o
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_gain, require_number
+from eladapt.estimation.triangle import kernels
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, Regression
 
-Quadrature = Literal["trapezoid", "simpson", "hermite"]
+Interpolation = Literal["linear", "hermite"]
+
+# Gauss's two points: exact for polynomials of the third degree.
+GAUSS = np.array([[0.5 - math.sqrt(3) / 6], [0.5 + math.sqrt(3) / 6]])
 
 
 class FilterState(NamedTuple):
-    """Where a filter stands: the last sample, what was computed there, and its outputs."""
+    """Where the force balance stands: the last sample, and its outputs."""
 
     q: np.ndarray  # (nq,)
     v: np.ndarray  # (nv,)
-    stored: np.ndarray  # (nv, l) momentum, or (1, l) energy, at the last sample
-    rate: np.ndarray  # (nv, l) or (1, l): what is integrated over the step, at the last sample
-    y: np.ndarray  # (m,)
-    omega: np.ndarray  # (m, l)
+    y: np.ndarray  # (nv,)
+    omega: np.ndarray  # (nv, l)
 
 
 @dataclass(frozen=True)
 class ForceBalance:
     """y = filtered tau, one row a joint (399), (419).
 
-    d/dt (M_k v) - 1/2 grad(v' M_k v) + grad U_k + friction = tau; the momentum's increment is exact,
-    the gradients are integrated over each step. At 1 kHz y = Omega theta is off by up to 3e-5 of the
-    largest y with the trapezoid, by 1e-6 with Simpson's rule and the mean velocity in the middle
-    (default: noise is not amplified), by 1e-9 with the Hermite interpolant's velocity, which divides
-    a position difference by dt and wants positions without noise.
+    d/dt (M_k v) - 1/2 grad(v' M_k v) + grad U_k + friction = tau, integrated over each step along a path
+    between its two samples, by Gauss's rule at two points. On a path whose acceleration is known the left
+    side is W(q, v, a), so one torque regressor a point makes all of it; the path's acceleration is no
+    measurement, its integral is the momentum's increment.
+
+    interpolation: "linear" in velocity (default), so that noise is not amplified; at 1 kHz y = Omega theta
+    is off by 2e-8 to 2e-6 of the largest y, what the change of acceleration within a step makes. "hermite"
+    takes the velocity inside the step from the positions too, is off by 1e-10, and wants positions
+    without noise, since it divides their difference by dt.
 
     In stiction Coulomb friction is not sign(v): with Coulomb columns, row i is zero and its filter starts
     afresh over every step in which |v_i| falls below ``stiction_speed`` or v_i changes sign. A filter that
@@ -47,68 +56,101 @@ class ForceBalance:
     the sliding are lost. Each row holds for itself: a stuck joint costs the others nothing.
 
     pole [1/s]; weight: scalar or (nv,), multiplies each row of y and Omega. stiction_speed [rad/s]: five
-    times the velocity noise or more; where there are no Coulomb columns it is not used.
+    times the velocity noise or more; where there are no Coulomb columns it is not used. compiled: the sums by
+    numba (extra ``fast``).
     """
 
     regressors: Regressors
     pole: float = 20.0
     weight: float | np.ndarray = 1.0
-    quadrature: Quadrature = "simpson"
+    interpolation: Interpolation = "linear"
     stiction_speed: float = 0.01
+    compiled: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pole", require_number("pole", self.pole, 0))
         object.__setattr__(self, "weight", require_gain("weight", self.weight, self.regressors.robot.nv))
         speed = require_number("stiction_speed", self.stiction_speed, 0, np.finfo(float).max, closed=True)
         object.__setattr__(self, "stiction_speed", speed)
-        if self.quadrature not in ("trapezoid", "simpson", "hermite"):
-            raise ArgumentError(
-                f"quadrature: expected 'trapezoid', 'simpson' or 'hermite', got {self.quadrature!r}"
-            )
+        if self.interpolation not in ("linear", "hermite"):
+            raise ArgumentError(f"interpolation: expected 'linear' or 'hermite', got {self.interpolation!r}")
 
     def init(self, measurement: Measurement) -> FilterState:
-        """The filter at rest at the first sample."""
-        q, v = measurement.q, measurement.v
-        momentum = self.regressors.momentum(q, v)
-        zero = np.zeros_like(momentum)
-        return FilterState(q, v, momentum, self._force(q, v), np.zeros(len(zero)), zero)
+        """The filter at rest at the first sample; with leading axes in q and v, as many filters."""
+        _, q, v, _ = measurement
+        return FilterState(q, v, np.zeros(v.shape), np.zeros((*v.shape, len(self.regressors))))
 
     def step(self, state: FilterState, measurement: Measurement, dt: float) -> tuple[FilterState, Regression]:
         """Advance over the dt [s] that ended at ``measurement``."""
         rho, gain = _decay(self.pole, dt)
-        q, v = measurement.q, measurement.v
-        momentum, force = self.regressors.momentum(q, v), self._force(q, v)
-        impulse = momentum - state.stored + dt * self._mean_force(state, force, q, v, dt)
-        weight = gain * np.asarray(self.weight)
-        omega = rho * state.omega + weight[:, None] * impulse
-        y = rho * state.y + weight * dt * measurement.tau
+        _, q, v, tau = measurement
+        weight = gain * dt * np.asarray(self.weight)
+        one, two = self._forces(state, q, v, dt)
+        if self.compiled and v.ndim == 1:
+            y, omega = kernels().filter_rows(state.omega, state.y, rho, weight, one, two, tau)
+        else:
+            omega = rho * state.omega + (0.5 * weight)[:, None] * (one + two)
+            y = rho * state.y + weight * tau
         if self.regressors.coulomb:
             sliding = self._sliding(state.v, v)
-            y, omega = np.where(sliding, y, 0.0), np.where(sliding[:, None], omega, 0.0)
-        return FilterState(q, v, momentum, force, y, omega), Regression(y, omega)
+            y, omega = np.where(sliding, y, 0.0), np.where(sliding[..., None], omega, 0.0)
+        return FilterState(q, v, y, omega), Regression(y, omega)
 
-    def _mean_force(
-        self, state: FilterState, force: np.ndarray, q: np.ndarray, v: np.ndarray, dt: float
-    ) -> np.ndarray:
-        if self.quadrature == "trapezoid":
-            return 0.5 * (state.rate + force)
-        robot = self.regressors.robot
-        moved = robot.difference(state.q, q)
-        middle = robot.integrate(state.q, 0.5 * moved + dt / 8 * (state.v - v))
-        mean = 0.5 * (state.v + v)
-        velocity = mean if self.quadrature == "simpson" else 1.5 * moved / dt - 0.5 * mean
-        return (state.rate + 4 * self._force(middle, velocity) + force) / 6
+    def _forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
+        """W(q, v, a) (nv, l) at Gauss's two points of the path from ``state`` to (q, v)."""
+        torque, model = self.regressors.torque, self.regressors.robot.model
+        if v.ndim > 1:
+            return self._forces_of_many(state, q, v, dt)
+        moved = pin.difference(model, state.q, q)
+        if self.compiled and self.interpolation == "linear":
+            offset, velocity, slope = kernels().path_points(GAUSS, moved, state.v, v, dt)
+            acceleration = (slope, slope)
+        else:
+            offset, velocity, acceleration = self._path(moved, state.v, v, dt)
+        return [
+            torque(pin.integrate(model, state.q, offset[k]), velocity[k], acceleration[k], check=False)
+            for k in range(2)
+        ]
+
+    def _forces_of_many(
+        self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float
+    ) -> list[np.ndarray]:
+        """`_forces` (B, nv, l) of B filters at once."""
+        model = self.regressors.robot.model
+        moved = np.array([pin.difference(model, *pair) for pair in zip(state.q, q, strict=True)])
+        paths = self._path(moved[:, None], state.v[:, None], v[:, None], dt)
+        forces = []
+        for offset, velocity, acceleration in zip(*(np.moveaxis(part, -2, 0) for part in paths), strict=True):
+            place = np.array([pin.integrate(model, *pair) for pair in zip(state.q, offset, strict=True)])
+            forces.append(self.regressors.torque(place, velocity, acceleration, check=False))
+        return forces
+
+    def _path(self, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float) -> Any:
+        """(..., 2, nv) offsets from the first position, velocities and accelerations at Gauss's points."""
+        change = after - before
+        # The path's ends are the two positions, whatever the mean of its velocity is; s (1 - s) = 1/6.
+        offset = GAUSS * moved - (dt / 12) * change
+        velocity = before + GAUSS * change
+        if self.interpolation == "linear":
+            return offset, velocity, np.broadcast_to(change / dt, velocity.shape)
+        bend = 6 * (moved / dt - 0.5 * (before + after))
+        offset += dt / 36 * (2 * GAUSS - 1) * bend
+        return offset, velocity + bend / 6, change / dt + (1 - 2 * GAUSS) / dt * bend
 
     def _sliding(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """(nv,) which joints slid one way all along a step."""
         slowest = np.where(before > 0, np.minimum(before, after), -np.maximum(before, after))
         return slowest > self.stiction_speed
 
-    def _force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """What the torque does besides changing the momentum (nv, l)."""
-        reg = self.regressors
-        force = reg.potential_gradient(q) - reg.kinetic_gradient(q, v)
-        return force + reg.friction_torque(v) if reg.n_friction else force
+
+class EnergyState(NamedTuple):
+    """Where the power balance stands: the last sample, what was computed there, and its outputs."""
+
+    q: np.ndarray  # (nq,)
+    energy: np.ndarray  # (1, l) at the last sample
+    dissipation: np.ndarray  # (1, l) power lost at the last sample
+    y: np.ndarray  # (1,)
+    omega: np.ndarray  # (1, l)
 
 
 @dataclass(frozen=True)
@@ -129,29 +171,46 @@ class PowerBalance:
         object.__setattr__(self, "pole", require_number("pole", self.pole, 0))
         object.__setattr__(self, "weight", require_number("weight", self.weight, 0))
 
-    def init(self, measurement: Measurement) -> FilterState:
+    def init(self, measurement: Measurement) -> EnergyState:
         """The filter at rest at the first sample."""
         energy, dissipation = self._energy_and_dissipation(measurement)
-        return FilterState(*measurement[1:3], energy, dissipation, np.zeros(1), np.zeros_like(energy))
+        y = np.zeros(energy.shape[:-1])
+        return EnergyState(measurement.q, energy, dissipation, y, np.zeros_like(energy))
 
-    def step(self, state: FilterState, measurement: Measurement, dt: float) -> tuple[FilterState, Regression]:
+    def step(self, state: EnergyState, measurement: Measurement, dt: float) -> tuple[EnergyState, Regression]:
         """Advance over the dt [s] that ended at ``measurement``."""
+        if measurement.v.ndim > 1:
+            states = (EnergyState(*parts) for parts in zip(*state, strict=True))
+            found = [self.step(*pair, dt) for pair in zip(states, _singles(measurement), strict=True)]
+            filters = EnergyState(*map(np.array, zip(*(one for one, _ in found), strict=True)))
+            return filters, Regression(filters.y, filters.omega)
         rho, gain = _decay(self.pole, dt)
         energy, dissipation = self._energy_and_dissipation(measurement)
-        gained = energy - state.stored + 0.5 * dt * (state.rate + dissipation)
+        gained = energy - state.energy + 0.5 * dt * (state.dissipation + dissipation)
         moved = self.regressors.robot.difference(state.q, measurement.q)
         work = measurement.tau @ moved
         omega = rho * state.omega + self.weight * gain * gained
         y = rho * state.y + self.weight * gain * work
-        return FilterState(*measurement[1:3], energy, dissipation, y, omega), Regression(y, omega)
+        return EnergyState(measurement.q, energy, dissipation, y, omega), Regression(y, omega)
 
     def _energy_and_dissipation(self, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         reg, (_, q, v, _) = self.regressors, measurement
+        if v.ndim > 1:
+            energy, dissipation = map(
+                np.array, zip(*map(self._energy_and_dissipation, _singles(measurement)), strict=True)
+            )
+            return energy, dissipation
         energy = reg.energy(q, v)[None]
         dissipation = v[None] @ reg.friction_torque(v) if reg.n_friction else np.zeros_like(energy)
         return energy, dissipation
 
 
+def _singles(measurement: Measurement) -> Iterator[Measurement]:
+    """The measurements along the leading axis; t is one for all."""
+    t, *arrays = measurement
+    return (Measurement(t, *each) for each in zip(*arrays, strict=True))
+
+
 def _decay(pole: float, dt: float) -> tuple[float, float]:
     """rho = exp(-pole dt) and the weight (1 - rho)/dt."""
-    return float(np.exp(-pole * dt)), float(-np.expm1(-pole * dt) / dt)
+    return math.exp(-pole * dt), -math.expm1(-pole * dt) / dt

@@ -6,6 +6,7 @@ damping and friction nowhere), checked arguments, and limits in which 0 or missi
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -117,11 +118,11 @@ class Robot:
             home=entry.home, target=entry.goal, tool=entry.tool, zero_parameters=entry.zero_parameters,
         )  # fmt: skip
 
-    @property
+    @functools.cached_property
     def nq(self) -> int:
         return self.model.nq
 
-    @property
+    @functools.cached_property
     def nv(self) -> int:
         return self.model.nv
 
@@ -172,23 +173,28 @@ class Robot:
         """q (nq,) -> joint coordinates (nv,); those of continuous joints in (-pi, pi]."""
         return pin.difference(self.model, pin.neutral(self.model), self.check_q(q))
 
-    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """M(q) (nv, nv), armature included."""
-        upper = np.triu(_square(pin.crba(self.model, self._data, self.check_q(q)), self.nv))
-        return upper + np.triu(upper, 1).T
+    def mass_matrix(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
+        """M(q) (nv, nv), armature included. check: whether q is to be validated."""
+        mass_matrix = pin.crba(self.model, self._data, self.check_q(q) if check else q)  # a copy
+        return mass_matrix if self.nv > 1 else np.reshape(mass_matrix, (1, 1))
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """C(q, v) (nv, nv) of the Christoffel symbols, so that dM/dt = C + C' (205)."""
         q, v = self.check_q(q), self.check_v(v)
         return _square(pin.computeCoriolisMatrix(self.model, self._data, q, v), self.nv)
 
-    def gravity(self, q: np.ndarray) -> np.ndarray:
-        """g(q) = grad U(q) (nv,) (209)."""
-        return np.array(pin.computeGeneralizedGravity(self.model, self._data, self.check_q(q)))
+    def gravity(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
+        """g(q) = grad U(q) (nv,) (209). check: whether q is to be validated."""
+        return np.array(
+            pin.computeGeneralizedGravity(self.model, self._data, self.check_q(q) if check else q)
+        )
 
-    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """M a + C v + g (nv,)."""
-        q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
+    def inverse_dynamics(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, check: bool = True
+    ) -> np.ndarray:
+        """M a + C v + g (nv,). check: whether the arguments are to be validated."""
+        if check:
+            q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
         return np.array(pin.rnea(self.model, self._data, q, v, a))
 
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -281,12 +287,18 @@ class Robot:
         """v as a finite (nv,) vector; raises ArgumentError."""
         return require_vector(name, v, self.nv)
 
-    def check_measurement(self, measurement: Measurement) -> None:
-        """Raises ArgumentError, naming the field, for wrong shapes and for what is not finite."""
-        require_number("measurement.t", measurement.t, -np.finfo(float).max)
-        self.check_q(measurement.q, "measurement.q")
-        self.check_v(measurement.v, "measurement.v")
-        self.check_v(measurement.tau, "measurement.tau")
+    def check_measurement(self, measurement: Measurement) -> Measurement:
+        """The measurement with float vectors of its own, so that a driver may reuse its buffers.
+
+        Raises ArgumentError, naming the field, for wrong shapes and for what is not finite.
+        """
+        t, q, v, tau = measurement
+        return Measurement(
+            require_number("measurement.t", t, -np.finfo(float).max),
+            self.check_q(q, "measurement.q").copy(),
+            self.check_v(v, "measurement.v").copy(),
+            self.check_v(tau, "measurement.tau").copy(),
+        )
 
     def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_vector
 from eladapt.robot.model import Robot
@@ -48,6 +49,8 @@ class Regressors:
         self.viscous, self.coulomb = friction in (True, "viscous"), friction in (True, "coulomb")
         self._standard = StandardRegressors(robot)
         samples = sample(self._standard)
+        # In a base shared by motion and gravity one product makes both.
+        self._one_base = basis is None and sharing == "shared"
         if basis is None:
             derive = shared_basis if sharing == "shared" else independent_basis
             basis = derive(self._standard, samples)
@@ -66,9 +69,11 @@ class Regressors:
             torque = samples.kinetic @ basis.kinetic
             torque[:, self.n_inertial :] = samples.gravity @ basis.potential[:, self.n_inertial :]
             self.scale[self._inertial] = np.sqrt(np.mean(torque**2, axis=0))
-        self._kinetic = basis.kinetic / self.scale[self._inertial]
-        self._potential = basis.potential / self.scale[self._inertial]
-        self._gravity_map = self._potential[:, self.n_inertial :].copy()
+        # From standard to base parameters (s, l), with zeros for friction.
+        self._kinetic_map = self._spread(basis.kinetic)
+        self._potential_map = self._spread(basis.potential)
+        self._gravity_map = self._potential_map[:, len(self) - self.n_potential :].copy()
+        self._viscous_at, self._coulomb_at = self._friction_entries()
 
     @property
     def robot_parameters(self) -> np.ndarray:
@@ -97,6 +102,21 @@ class Regressors:
         theta[self.n_inertial : self.n_inertial + self.n_friction] = np.concatenate([*blocks, []])
         return self.scale * theta
 
+    def theta_of(self, model: pin.Model) -> np.ndarray:
+        """(l,) the parameters of another model of the same arm, as one with a load is; friction and
+        armature are this robot's. Raises ArgumentError for a model with other joints."""
+        if list(model.names) != list(self.robot.model.names):
+            raise ArgumentError(
+                f"model: expected the joints {list(self.robot.model.names)}, got {list(model.names)}"
+            )
+        standard = self._standard.parameters.copy()
+        bodies = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
+        change = np.zeros_like(standard)
+        change[: 10 * len(bodies)] = np.concatenate(bodies) - standard[: 10 * len(bodies)]
+        theta = self.theta
+        theta[self._inertial] += self.scale[self._inertial] * (self.basis.projection @ change)
+        return theta
+
     @property
     def theta_potential(self) -> np.ndarray:
         """(n_potential,) theta_U, the nominal gravity parameters."""
@@ -112,47 +132,48 @@ class Regressors:
         names[self.n_inertial : self.n_inertial] = friction
         return tuple(n if s == 1 else f"{s:.3g} ({n})" for n, s in zip(names, self.scale, strict=True))
 
-    def gravity(self, q: np.ndarray) -> np.ndarray:
-        """Psi(q) (nv, n_potential): Psi @ theta_U = g(q) (415)."""
-        return self._standard.gravity(self.robot.check_q(q)) @ self._gravity_map
+    def gravity(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
+        """Psi(q) (nv, n_potential): Psi @ theta_U = g(q) (209). check: whether q is to be validated."""
+        return self._standard.gravity(self.robot.check_q(q) if check else q) @ self._gravity_map
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """[M_k(q) v]_k (nv, l): varphi_3 of (419)."""
         q, v = self.robot.check_q(q), self.robot.check_v(v)
-        return self._with_friction(self._standard.momentum(q, v) @ self._kinetic)
+        return self._standard.momentum(q, v) @ self._kinetic_map
 
     def kinetic_gradient(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """[1/2 grad_q v' M_k v]_k = [C_k' v]_k (nv, l), of (401)."""
         q, v = self.robot.check_q(q), self.robot.check_v(v)
-        return self._with_friction(self._standard.kinetic_gradient(q, v) @ self._kinetic)
+        return self._standard.kinetic_gradient(q, v) @ self._kinetic_map
 
     def potential_gradient(self, q: np.ndarray) -> np.ndarray:
         """[grad U_k]_k (nv, l): varphi_2 of (419), zero but for theta_U."""
-        gradient = np.zeros((self.robot.nv, len(self)))
-        gradient[:, len(self) - self.n_potential :] = self.gravity(q)
-        return gradient
+        return self._standard.gravity(self.robot.check_q(q)) @ self._potential_map
 
     def friction_torque(self, v: np.ndarray) -> np.ndarray:
         """[diag(v), diag(sign v)] in the friction columns (nv, l), zero elsewhere."""
-        v = self.robot.check_v(v)
-        blocks = [np.diag(v)] * self.viscous + [np.diag(np.sign(v))] * self.coulomb
-        torque = np.zeros((self.robot.nv, len(self)))
-        if blocks:
-            torque[:, self.n_inertial : self.n_inertial + self.n_friction] = np.hstack(blocks)
-        return torque
+        return self._add_friction(np.zeros((self.robot.nv, len(self))), self.robot.check_v(v))
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """omega(q, v) (l,): omega @ theta = kinetic + potential energy, up to a constant (Omega)."""
         q, v = self.robot.check_q(q), self.robot.check_v(v)
-        kinetic = self._standard.kinetic_energy(q, v) @ self._kinetic
-        potential = self._standard.potential_energy(q) @ self._potential
-        return self._with_friction((kinetic + potential)[None])[0]
+        kinetic = self._standard.kinetic_energy(q, v) @ self._kinetic_map
+        return kinetic + self._standard.potential_energy(q) @ self._potential_map
 
-    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """W (nv, l): W @ theta = M a + C v + g + friction, armature included."""
-        q, v, a = self.robot.check_q(q), self.robot.check_v(v), self.robot.check_v(a, "a")
-        kinetic = self._standard.kinetic_torque(q, v, a) @ self._kinetic
-        return self._assemble(kinetic, q, v)
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, check: bool = True) -> np.ndarray:
+        """W (nv, l): W @ theta = M a + C v + g + friction, armature included.
+
+        check: whether the arguments are to be validated; unchecked ones may have leading axes.
+        """
+        if check:
+            q, v, a = self.robot.check_q(q), self.robot.check_v(v), self.robot.check_v(a, "a")
+        if self._one_base:
+            standard = self._standard.torque(q, v, a)
+            rows = standard.reshape(-1, standard.shape[-1]) @ self._kinetic_map
+            return self._add_friction(rows.reshape(*v.shape, -1), v)
+        if v.ndim > 1:
+            return np.array([self.torque(*state, check=False) for state in zip(q, v, a, strict=True)])
+        return self._assemble(self._standard.kinetic_torque(q, v, a), q, v)
 
     def slotine_li(self, q: np.ndarray, v: np.ndarray, vr: np.ndarray, ar: np.ndarray) -> np.ndarray:
         """W_r (nv, l): W_r @ theta = M ar + C(q, v) vr + g (+ friction at v where it has columns).
@@ -163,8 +184,8 @@ class Regressors:
         q, v = self.robot.check_q(q), self.robot.check_v(v)
         vr, ar = self.robot.check_v(vr, "vr"), self.robot.check_v(ar, "ar")
         kinetic = self._standard.kinetic_torque(q, (v + vr) / 2, ar)
-        kinetic -= self._standard.kinetic_torque(q, (v - vr) / 2, np.zeros_like(v))
-        return self._assemble(kinetic @ self._kinetic, q, v)
+        kinetic = kinetic - self._standard.kinetic_torque(q, (v - vr) / 2, np.zeros_like(v))
+        return self._assemble(kinetic, q, v)
 
     def inertial_parameters(self, theta: Sequence[float] | np.ndarray) -> np.ndarray:
         """(s,) the standard parameters nearest the URDF's with the base parameters ``theta`` (l,).
@@ -180,16 +201,29 @@ class Regressors:
         return nominal + change
 
     def _assemble(self, kinetic: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        regressor = self._with_friction(kinetic)
-        regressor[:, len(self) - self.n_potential :] += self._standard.gravity(q) @ self._gravity_map
-        return regressor + self.friction_torque(v) if self.n_friction else regressor
+        """(nv, l) of a kinetic part (nv, s) in standard parameters, gravity and friction."""
+        regressor = kinetic @ self._kinetic_map + self._standard.gravity(q) @ self._potential_map
+        return self._add_friction(regressor, v)
 
-    def _with_friction(self, columns: np.ndarray) -> np.ndarray:
-        """(m, p) -> (m, l) with zero friction columns in their place."""
-        if not self.n_friction:
-            return columns
-        zeros = np.zeros((len(columns), self.n_friction))
-        return np.hstack([columns[:, : self.n_inertial], zeros, columns[:, self.n_inertial :]])
+    def _add_friction(self, regressor: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The regressor (nv, l), its zero friction columns filled in."""
+        if self.viscous:
+            regressor[..., *self._viscous_at] = v
+        if self.coulomb:
+            regressor[..., *self._coulomb_at] = np.sign(v)
+        return regressor
+
+    def _spread(self, columns: np.ndarray) -> np.ndarray:
+        """(s, p) -> (s, l) in the units of theta, with zeros for friction."""
+        spread = np.zeros((len(columns), len(self)))
+        spread[:, self._inertial] = columns / self.scale[self._inertial]
+        return spread
+
+    def _friction_entries(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Rows and columns of the viscous and of the Coulomb friction that each joint has."""
+        rows = np.arange(self.robot.nv)
+        viscous = rows + self.n_inertial
+        return (rows, viscous), (rows, viscous + self.robot.nv * self.viscous)
 
 
 def _require_span(

@@ -27,6 +27,7 @@ class StandardRegressors:
         self._weightless.gravity = pin.Motion.Zero()
         self._rotors = np.flatnonzero(robot.armature)
         self._rotor_columns = np.eye(robot.nv)[:, self._rotors]
+        self._still = np.zeros(robot.nv)
 
     @property
     def parameters(self) -> np.ndarray:
@@ -58,24 +59,24 @@ class StandardRegressors:
         return bodies + [f"Ir({names[i]})" for i in self._rotors]
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """(nv, s): the regressor of M a + C v + g."""
-        bodies = self._matrix(pin.computeJointTorqueRegressor(self.robot.model, self._data, q, v, a))
-        return np.hstack([bodies, self._rotor_columns * a[:, None]])
+        """(nv, s): the regressor of M a + C v + g; with leading axes, of as many states."""
+        if q.ndim > 1:
+            return np.array([self.torque(*state) for state in zip(q, v, a, strict=True)])
+        bodies = pin.computeJointTorqueRegressor(self.robot.model, self._data, q, v, a)
+        return self._with_rotors(bodies, a)
 
     def kinetic_torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """(nv, s): the regressor of M a + C v."""
-        bodies = self._matrix(pin.computeJointTorqueRegressor(self._weightless, self._data, q, v, a))
-        return np.hstack([bodies, self._rotor_columns * a[:, None]])
+        bodies = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v, a)
+        return self._with_rotors(bodies, a)
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """(nv, s): the regressor of g; the potential energy's gradient."""
-        still = np.zeros(self.robot.nv)
-        bodies = self._matrix(pin.computeJointTorqueRegressor(self.robot.model, self._data, q, still, still))
-        return np.hstack([bodies, 0 * self._rotor_columns])
+        return self.torque(q, self._still, self._still)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(nv, s): [M_k(q) v]_k, the torque of the acceleration v from rest without weight."""
-        return self.kinetic_torque(q, np.zeros(self.robot.nv), v)
+        return self.kinetic_torque(q, self._still, v)
 
     def kinetic_gradient(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(nv, s): [1/2 grad_q v' M_k v]_k = sum_i (dv_i/dq)' H(v_i), v_i the velocity of body i
@@ -101,6 +102,8 @@ class StandardRegressors:
         bodies = pin.computePotentialEnergyRegressor(self.robot.model, self._data, q)
         return np.concatenate([bodies, np.zeros(len(self._rotors))])
 
-    def _matrix(self, rows: np.ndarray) -> np.ndarray:
-        """(nv, ...), also where Pinocchio's bindings return the only row as a vector."""
-        return rows.reshape(self.robot.nv, -1)
+    def _with_rotors(self, bodies: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """(nv, s), also where Pinocchio's bindings return the only row as a vector."""
+        if self.robot.nv == 1:
+            bodies = bodies.reshape(1, -1)
+        return np.hstack([bodies, self._rotor_columns * a[:, None]]) if len(self._rotors) else bodies

@@ -12,7 +12,7 @@ import numpy as np
 from eladapt.errors import ArgumentError, require_number
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
-from eladapt.simulation.disturbances import Noise
+from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import NoiseModel
 from eladapt.simulation.run import Plant
 
@@ -26,6 +26,11 @@ class _Wrapper:
     @property
     def robot(self) -> Robot:
         return self.plant.robot
+
+    @property
+    def payload(self) -> Payload | None:
+        """The load of the arm inside."""
+        return getattr(self.plant, "payload", None)
 
     @property
     def q(self) -> np.ndarray:

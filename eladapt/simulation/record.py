@@ -15,12 +15,14 @@ import numpy as np
 from eladapt.errors import ArgumentError, RecordError
 from eladapt.files import atomic_write
 from eladapt.robot.model import Robot
+from eladapt.simulation.disturbances import Payload
 
 FORMAT = 1
 ARRAYS = (
     "t", "q", "v", "tau", "goal", "error", "theta", "delta", "zeta", "zeta_integral", "effort_limit",
 )  # fmt: skip
-OPTIONAL_ARRAYS = ("theta_true", "level")
+OPTIONAL_ARRAYS = ("theta_true", "theta_true_course", "level", "carried")
+LOAD_PERIOD = 1 / 30  # [s] between the samples of the estimated load: as often as it is drawn
 
 
 class Metrics(NamedTuple):
@@ -37,8 +39,9 @@ class Metrics(NamedTuple):
 class Record:
     """N samples of a run. q and v are the plant's true state, tau what was commanded at the sample.
 
-    theta_true is what the estimates should become, where it is known. ``configuration`` says what
-    made the record: controller, robot and versions, in plain JSON types.
+    theta_true is what the estimates should become, where it is known, with the load that hangs on the arm
+    at the end; where a load came or went, theta_true_course has it sample by sample. ``configuration``
+    says what made the record: controller, robot and versions, in plain JSON types.
     """
 
     t: np.ndarray  # (N,) [s]
@@ -59,7 +62,9 @@ class Record:
     robot_source: dict[str, Any]
     title: str
     configuration: dict[str, Any]
+    theta_true_course: np.ndarray | None = None  # (N, j), where a load changes theta_true
     level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated, if kept
+    carried: np.ndarray | None = None  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
     final_state: Any = dataclasses.field(default=None, repr=False)  # the controller's last; not saved
 
     def __len__(self) -> int:
@@ -70,7 +75,7 @@ class Record:
         """(N, j) estimate less true value. Raises RecordError where the true value is not known."""
         if self.theta_true is None:
             raise RecordError(f"record {self.title!r} does not know the true parameters")
-        return self.theta - self.theta_true
+        return self.theta - (self.theta_true if self.theta_true_course is None else self.theta_true_course)
 
     def settling_time(self, threshold: float = 1e-3) -> float:
         """[s] from when on every |e_i| stays below ``threshold`` [rad]; inf if it does not."""
@@ -113,6 +118,8 @@ class Record:
     @classmethod
     def load(cls, path: str | Path) -> Record:
         """Read what `save` wrote. Raises RecordError for anything else."""
+        if Path(path).is_file() and not zipfile.is_zipfile(path):
+            raise RecordError(f"{path}: not a record, or a damaged one; Record.save writes an .npz")
         try:
             with np.load(path, allow_pickle=False) as file:
                 header = json.loads(str(file["header"]))
@@ -135,11 +142,14 @@ class Record:
 class Recorder:
     """Collects samples while a run goes on; `record` can be called at any time."""
 
-    def __init__(self, robot: Robot, controller: Any, dt: float, capacity: int, title: str):
+    def __init__(
+        self, robot: Robot, controller: Any, dt: float, capacity: int, title: str, plant: Any = None
+    ):
         self.robot, self.controller, self.dt, self.title = robot, controller, dt, title
-        self.count, self.capacity = 0, capacity
+        self.plant, self.count, self.capacity = plant, 0, capacity
         self._columns: dict[str, np.ndarray] = {}
         self._state: Any = None
+        self._kept: list[tuple[float, Any]] = []  # states from which the load is estimated afterwards
 
     def add(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: np.ndarray, state: Any
@@ -149,7 +159,7 @@ class Recorder:
         mixed, excitation = getattr(state, "mixed", None), getattr(state, "excitation", None)
         sample = {
             "t": t, "q": q, "v": v, "tau": tau, "goal": goal,
-            "error": self.robot.difference(goal, q),
+            "error": _error(self.robot, goal, q),
             "theta": theta,
             "delta": np.atleast_1d(mixed.delta) if mixed else np.zeros(0),
             "zeta": excitation.gates if excitation else np.zeros(0),
@@ -158,6 +168,8 @@ class Recorder:
         if hasattr(state, "level"):
             sample["level"] = state.level
         self._state = state
+        if not self._kept or t - self._kept[-1][0] >= LOAD_PERIOD - self.dt / 2:
+            self._kept.append((t, state))
         for name, value in sample.items():
             if name not in self._columns:
                 self._columns[name] = np.empty((self.capacity, *np.shape(value)))
@@ -174,12 +186,49 @@ class Recorder:
             size = columns["theta"].shape[1]
             labels = regressors.labels[len(regressors) - size :]
             true = regressors.theta[len(regressors) - size :]
+        course = None
+        payload = self._payload()
+        if regressors is not None and true is not None and payload is not None:
+            loaded = regressors.theta_of(payload.loaded(self.robot))[len(regressors) - size :]
+            held = np.array([payload.held(t) for t in columns["t"]])
+            course = np.where(held[:, None], loaded, true)
+            true = course[-1].copy()
         return Record(
-            **columns, level=level, final_state=self._state, effort_limit=self.robot.effort_limit, dt=self.dt,
+            **columns, level=level, theta_true_course=course, carried=self._carried(),
+            final_state=self._state, effort_limit=self.robot.effort_limit, dt=self.dt,
             joint_names=self.robot.joint_names, theta_labels=tuple(labels), theta_true=true,
             robot_source=self.robot.source, title=self.title or self.robot.name,
-            configuration={"controller": describe(self.controller), "versions": versions()},
+            configuration={
+                "controller": describe(self.controller),
+                "plant": describe_plant(self.plant),
+                "versions": versions(),
+            },
         )  # fmt: skip
+
+    def _payload(self) -> Payload | None:
+        plant = self.plant
+        while "plant" in getattr(plant, "__dict__", ()):  # below encoders and buses
+            plant = plant.plant
+        return getattr(plant, "payload", None)
+
+    def _carried(self) -> np.ndarray | None:
+        """The load over time, where the plant has one or the controller noticed one."""
+        estimate = getattr(self.controller, "carried", None)
+        change = getattr(self._state, "change", None)
+        payload = self._payload()
+        if estimate is None or not (payload or (change and change.noticed)):
+            return None
+        frame = payload.frame if payload else None
+        found = [(t, estimate(state, frame)) for t, state in self._kept]
+        return np.array([[t, load.mass, *load.com, load.misfit] for t, load in found])
+
+
+def _error(robot: Robot, goal: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """e1 = q - q_d; nan where a sensor's failure left nothing to subtract."""
+    try:
+        return robot.difference(goal, q)
+    except ArgumentError:
+        return np.full(robot.nv, np.nan)
 
 
 def describe(value: Any) -> Any:
@@ -194,6 +243,21 @@ def describe(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [describe(item) for item in value]
     return type(value).__name__
+
+
+SETTINGS = (
+    "integrator", "substeps", "seed", "joint_friction", "friction", "noise", "payload",
+    "resolution", "time_constant", "delay",
+)  # fmt: skip
+
+
+def describe_plant(plant: Any) -> Any:
+    """What was simulated, as plain JSON types; what stands around a plant comes first."""
+    if plant is None:
+        return None
+    settings = {name: describe(getattr(plant, name)) for name in SETTINGS if name in vars(plant)}
+    inner = {"plant": describe_plant(plant.plant)} if "plant" in vars(plant) else {}
+    return {"class": type(plant).__name__, **settings, **inner}
 
 
 def versions() -> dict[str, str]:

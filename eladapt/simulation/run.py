@@ -14,6 +14,7 @@ from eladapt.signals import Measurement
 from eladapt.simulation.record import Record, Recorder
 
 Goal = np.ndarray | Callable[[float], np.ndarray]
+Observer = Callable[[float, np.ndarray, np.ndarray, Any], object]  # t [s], q, goal, the controller's state
 
 
 class Controller(Protocol):
@@ -28,10 +29,12 @@ class Controller(Protocol):
 class Plant(Protocol):
     """What `simulate` needs of a plant: the same face for every simulator. q, v: the true state."""
 
-    robot: Robot
-    q: np.ndarray
-    v: np.ndarray
-
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def q(self) -> np.ndarray: ...
+    @property
+    def v(self) -> np.ndarray: ...
     def reset(self) -> Measurement: ...
     def step(self, tau: np.ndarray, dt: float) -> Measurement: ...
 
@@ -46,18 +49,20 @@ def simulate(
     theta0: Any = None,
     progress: bool = True,
     title: str = "",
+    observer: Observer | None = None,
 ) -> Record:
     """Run the loop for ``duration`` [s] at steps of ``dt`` [s], from the plant's initial state.
 
     goal: q_d (nq,), or a callable of t [s]. The record has round(duration / dt) + 1 samples, the
     first at t = 0; its tau is what the controller commanded at that sample. Raises
     SimulationError, with the record so far, when controller or plant fail on the way.
+    observer: called with (t, q, goal, state) after each step of the controller, as a live view is.
     """
     dt = require_number("dt", dt, 0)
     steps = round(require_number("duration", duration, 0) / dt)
     robot = plant.robot
     goal_at = goal if callable(goal) else (lambda _t: goal)
-    recorder = Recorder(robot, controller, dt, steps + 1, title)
+    recorder = Recorder(robot, controller, dt, steps + 1, title, plant)
     measurement = plant.reset()
     state = controller.init(measurement, theta0)
     bar = tqdm(range(steps + 1), desc=title or robot.name, unit="step", disable=not progress, leave=False)
@@ -66,6 +71,8 @@ def simulate(
             target = robot.check_q(np.asarray(goal_at(measurement.t), dtype=float), "goal")
             state, tau = controller.step(state, measurement, target, dt)
             recorder.add(measurement.t, plant.q, plant.v, tau, target, state)
+            if observer is not None:
+                observer(measurement.t, plant.q, target, state)
             if k < steps:
                 measurement = plant.step(tau, dt)
     except EladaptError as reason:

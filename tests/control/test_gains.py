@@ -1,7 +1,6 @@
 """Gains from the URDF: where each comes from, what is kept, and what is refused."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from shared import load
 import eladapt as ea
 from eladapt.control.gains import RESOLVED, adaptation_mode, derive_gains, fall_mode
 from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.robot.library import folder
 
 
 @pytest.mark.parametrize("name", ["two_link", "panda", "kinova", "asr_twodof"])
@@ -80,24 +80,23 @@ def test_a_massless_wrist_is_refused_by_name():
         ea.CompositeController.for_robot(dataclasses.replace(robot, model=model))
 
 
-def written(folder, *changes: tuple[str, str]):
+def written(path, *changes: tuple[str, str]):
     """The two-link URDF with texts replaced, as a file of its own."""
-    text = load("two_link").source["urdf"]
-    text = Path(text).read_text() if "<robot" not in text else text
+    text = (folder() / "two_link.urdf").read_text()
     for old, new in changes:
         assert text.count(old) == 1
         text = text.replace(old, new)
-    path = folder / "arm.urdf"
+    path = path / "arm.urdf"
     path.write_text(text)
     return path
 
 
 def test_a_urdf_file_with_a_massless_wrist_is_refused_by_name(tmp_path):
     """A forearm of a microgram whose centre of mass is off its axis: no step of 1 ms follows its fall."""
-    light = 'ixx="3e-14" ixy="0" ixz="0" iyy="3e-14" iyz="0" izz="1e-14"'
-    heavy = 'ixx="0.0033333333333333335" ixy="0" ixz="0" iyy="0.0033333333333333335" iyz="0" izz="0.0001125"'
+    inertia = 'ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{1}"'
     path = written(
-        tmp_path, ('<mass value="1"/>', '<mass value="1e-9"/>'), (heavy, light),
+        tmp_path, ('<mass value="1"/>', '<mass value="1e-9"/>'),
+        (inertia.format("0.0033333333333333335", "0.0001125"), inertia.format("3e-14", "1e-14")),
         ('<origin xyz="0 0 -0.1"/>\n      <mass', '<origin xyz="0 0 -0.00001"/>\n      <mass'),
     )  # fmt: skip
     with pytest.raises(ArgumentError, match=r"no stable gains at dt = 0.001 s.*joint 'elbow'.*would do"):

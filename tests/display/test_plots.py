@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import eladapt as ea
-from eladapt.display.plots import COLOURS, MOST_POINTS
+from eladapt.display.curves import COLOURS, MOST_POINTS
 
 LONG = "2.83 (my(panda_joint2) - mz(panda_joint3) + 0.823 my(panda_joint4) + 0.823 mz(panda_joint5) + ...)"
 

@@ -21,7 +21,7 @@ import umsgpack
 
 import eladapt as ea
 from eladapt.display.meshes import ROBOT_TRIANGLES
-from eladapt.display.viewer import VIEWER_CODE
+from eladapt.display.page import VIEWER_CODE
 
 TRIANGLE = """solid one
 facet normal 0 0 1

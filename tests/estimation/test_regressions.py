@@ -36,10 +36,10 @@ def test_force_balance_holds(trajectory, pole):
     assert residual(ea.ForceBalance(reg, pole), trajectory, reg.theta) <= 1e-5
 
 
-def test_hermite_quadrature_is_of_fourth_order(trajectory):
+def test_hermite_interpolation_is_of_fourth_order(trajectory):
     """With exact positions the force balance holds as well as the power balance."""
     reg = trajectory.reg
-    assert residual(ea.ForceBalance(reg, quadrature="hermite"), trajectory, reg.theta) <= 1e-9
+    assert residual(ea.ForceBalance(reg, interpolation="hermite"), trajectory, reg.theta) <= 1e-9
 
 
 @pytest.mark.parametrize("pole", [2.0, 20.0, 100.0])

@@ -1,0 +1,7 @@
+"""``python -m eladapt``: the command line."""
+
+import sys
+
+from eladapt.cli import main
+
+sys.exit(main())

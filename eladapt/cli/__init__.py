@@ -1,0 +1,182 @@
+"""The command ``eladapt``: what an engineer asks first, without writing a script.
+
+Every error is one line on stderr that starts with ``error:``, and an exit code other than 0: 1 for what is
+wrong with a robot, a file or a run, 2 for what is wrong with the command itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from eladapt.errors import EladaptError, UrdfError
+
+EXAMPLES = """examples:
+  eladapt robots
+  eladapt check my_arm.urdf --package-dir my_ws/src --lock "finger_*"
+  eladapt run panda --goal 0.7 -0.1 0.4 -1.7 0.5 2.1 1.4 --payload 2 --plant mujoco --view
+  eladapt report out/panda.npz
+  eladapt doctor
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong with a command."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"error: {message} (see: {self.prog} --help)", file=sys.stderr)
+        sys.exit(2)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; the exit code is returned, or raised as SystemExit by --help and by the parser."""
+    options = _parser().parse_args(arguments)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _warn
+            return int(options.command(options) or 0)
+    except KeyboardInterrupt:
+        print("error: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # as by `eladapt robots | head -1`
+        sys.stderr.close()
+        return 1
+    except OSError as reason:
+        where = f"{reason.filename}: " if reason.filename else ""
+        return _fail(f"{where}{reason.strerror or reason}")
+    except UrdfError as reason:
+        finding = reason.findings[0]
+        what = f"{finding.problem}. {finding.remedy}" if finding.value == str(reason.path) else str(finding)
+        return _fail(f"{reason.path}: {what}")
+    except EladaptError as reason:
+        return _fail(str(reason))
+
+
+def _fail(message: str) -> int:
+    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    return 1
+
+
+def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    if issubclass(category, UserWarning):  # what a library is to leave behind some day is not the user's
+        print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+
+def _parser() -> _Parser:
+    from eladapt.cli import checking, doctor, running
+
+    parser = _Parser(
+        prog="eladapt", epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Composite adaptive finite-time control for any robot arm with a URDF.",
+    )  # fmt: skip
+    version = importlib.metadata.version("eladapt")
+    parser.add_argument("--version", action="version", version=f"eladapt {version}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Parser)
+
+    def command(name: str, function: Any, text: str, example: str) -> argparse.ArgumentParser:
+        added = commands.add_parser(
+            name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=f"example:\n  {example}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+        added.set_defaults(command=function)
+        return added
+
+    command("robots", checking.robots, "list the robots that come with eladapt", "eladapt robots")
+
+    check = command(
+        "check", checking.check, "say what a URDF lacks, its ranks and limits, and whether gains exist",
+        'eladapt check my_arm.urdf --package-dir my_ws/src --lock "finger_*" --dt 0.002',
+    )  # fmt: skip
+    _robot(check)
+    check.add_argument(
+        "--dt", type=float, default=1e-3, metavar="S", help="step of the controller (default: 0.001)"
+    )
+
+    run = command(
+        "run", running.run, "move an arm in simulation, from no knowledge of gravity, and keep what happened",
+        "eladapt run panda --goal 0.7 -0.1 0.4 -1.7 0.5 2.1 1.4 --payload 2 --plant mujoco --view",
+    )  # fmt: skip
+    _robot(run)
+    run.add_argument("--goal", type=_numbers, nargs="+", metavar="X",
+                     help="joint angles [rad] (or positions [m]), one a joint; --goal=0.1,-1e-3 works too "
+                     "(default: the robot's own goal, or 0.5 from home)")  # fmt: skip
+    run.add_argument(
+        "--start", type=_numbers, nargs="+", metavar="X", help="the same, to start from (default: home)"
+    )
+    run.add_argument(
+        "--payload", type=float, metavar="KG", help="a load at the tool, of which nobody tells the controller"
+    )
+    run.add_argument(
+        "--attach", type=float, default=0.0, metavar="S", help="when the load is attached (default: 0)"
+    )
+    run.add_argument("--plant", choices=("pinocchio", "mujoco"), default="pinocchio", help="the simulator")
+    run.add_argument("--friction", choices=("none", "viscous", "coulomb", "both"), default="none",
+                     help="what the controller estimates beside gravity (default: none)")  # fmt: skip
+    run.add_argument("--noise", type=float, default=0.0, metavar="SD",
+                     help="of measured positions [rad] and velocities [rad/s] (default: 0)")  # fmt: skip
+    run.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
+    run.add_argument("--duration", type=float, default=4.0, metavar="S", help="of the run (default: 4)")
+    run.add_argument(
+        "--dt", type=float, default=1e-3, metavar="S", help="step of the controller (default: 0.001)"
+    )
+    run.add_argument("--live", action="store_true", help="show the arm in the browser while it moves")
+    run.add_argument(
+        "--view", action="store_true", help="show the motion in the browser afterwards, until Ctrl-C"
+    )
+    run.add_argument(
+        "--no-certificates", action="store_true", help="leave out the conditions of the proofs (some seconds)"
+    )
+    run.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER",
+                     help="for record (.npz), plot (.png) and report (.html) (default: out)")  # fmt: skip
+
+    report = command(
+        "report", running.report, "make one HTML page of a record, or a comparison of several",
+        "eladapt report out/panda.npz out/other.npz --out comparison.html --label before after",
+    )  # fmt: skip
+    report.add_argument(
+        "records",
+        nargs="+",
+        type=Path,
+        metavar="RECORD",
+        help="a file that `eladapt run` or Record.save wrote",
+    )
+    report.add_argument(
+        "--out", type=Path, metavar="PAGE", help="the page (default: the first record's name with .html)"
+    )
+    report.add_argument(
+        "--label", nargs="+", metavar="NAME", help="a name for each record (default: its title)"
+    )
+    report.add_argument(
+        "--no-animation", action="store_true", help="leave out the motion in three dimensions (5 MB a record)"
+    )
+
+    command(
+        "doctor",
+        doctor.doctor,
+        "say whether this computer has what eladapt needs, and how fast it is",
+        "eladapt doctor",
+    )
+    return parser
+
+
+def _robot(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "robot", metavar="ROBOT", help="a name that `eladapt robots` lists, or the path of a URDF"
+    )
+    parser.add_argument("--package-dir", action="append", default=[], metavar="FOLDER",
+                        help="where package://NAME/ is found; repeatable")  # fmt: skip
+    parser.add_argument("--lock", action="append", default=[], metavar="JOINT",
+                        help="a joint to hold still, * matches any characters; repeatable")  # fmt: skip
+
+
+def _numbers(text: str) -> list[float]:
+    """One number, or several between commas."""
+    try:
+        return [float(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}") from None

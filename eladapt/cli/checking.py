@@ -1,0 +1,88 @@
+"""``eladapt robots`` and ``eladapt check``: what there is, and what a URDF is good for."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from eladapt.control.gains import derive_gains, effort, extremes
+from eladapt.errors import ArgumentError, EladaptError, UrdfError, require_number
+from eladapt.robot import library
+from eladapt.robot.model import Robot
+from eladapt.robot.regressors import Regressors
+
+
+def robots(_options: argparse.Namespace) -> None:
+    """One line a robot."""
+    for name in library.names():
+        print(f"{name:16} {library.entry(name).description}")
+
+
+def find(options: argparse.Namespace) -> Robot:
+    """The robot of a command: by name from the library, else the URDF at that path.
+
+    Raises UnknownNameError for what looks like a name and is none, UrdfError for a file.
+    """
+    given = str(options.robot)
+    is_path = Path(given).suffix or "/" in given or Path(given).exists()
+    if not is_path or given in library.names():
+        if options.lock or options.package_dir:
+            raise ArgumentError(
+                f"--lock, --package-dir: {given} is the library's; they go with the path of a URDF"
+            )
+        return Robot.load(given)
+    return Robot.from_urdf(given, options.package_dir, options.lock)
+
+
+def check(options: argparse.Namespace) -> None:
+    """All that can be said before a motor is on. Raises EladaptError where the arm cannot be controlled."""
+    dt = require_number("--dt", options.dt, 0)
+    try:
+        robot = find(options)
+    except UrdfError as reason:
+        if len(reason.findings) > 1:
+            for finding in reason.findings:
+                print(f"- {finding}")
+            raise EladaptError(f"{reason.path}: {len(reason.findings)} faults, listed above") from reason
+        raise
+    locked = ", ".join(robot.locked) or "none"
+    print(
+        f"{robot.path}\n{robot.name}: no faults found; {robot.nv} joints, locked: {locked}; tool {robot.tool}"
+    )
+    regressors = Regressors(robot)
+    print(f"base parameters: {len(regressors)} of {10 * robot.nv} standard ones, "
+          f"{regressors.n_potential} of gravity; "
+          f"the singular values drop {regressors.rank_gap:.0e}-fold behind the last")  # fmt: skip
+    _limits(robot)
+    _drawable(robot)
+    try:
+        gains = derive_gains(regressors, dt)
+    except ArgumentError as reason:
+        raise EladaptError(f"no gains at {1 / dt:g} Hz: {reason}") from reason
+    print(f"\ngains exist at {1 / dt:g} Hz:\n{gains}")
+
+
+def _limits(robot: Robot) -> None:
+    assumed = effort(robot, extremes(robot))
+    wide = max(5, *map(len, robot.joint_names))
+    print(f"\n{'joint':{wide}} {'from':>8} {'to':>8} {'velocity':>9} {'effort':>8}")
+    for k, name in enumerate(robot.joint_names):
+        unset = "" if np.isfinite(robot.effort_limit[k]) else f"  (gains assume {assumed[k]:.3g})"
+        print(f"{name:{wide}} {robot.lower[k]:8.3g} {robot.upper[k]:8.3g} {robot.velocity_limit[k]:9.3g} "
+              f"{robot.effort_limit[k]:8.3g}{unset}")  # fmt: skip
+    print("rad, rad/s, N m (m, m/s, N of sliding joints); inf: the URDF sets none")
+    if robot.damping.any() or robot.friction.any():
+        print(
+            "the URDF has joint damping or friction: --plant mujoco applies it, --friction both estimates it"
+        )
+
+
+def _drawable(robot: Robot) -> None:
+    from eladapt.display.scene import visuals_of
+
+    try:
+        print(f"visual shapes: {visuals_of(robot).ngeoms}")
+    except EladaptError as reason:
+        print(f"warning: it can be controlled but not drawn: {' '.join(str(reason).split())}")

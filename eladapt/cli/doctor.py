@@ -1,0 +1,138 @@
+"""``eladapt doctor``: whether this computer has what eladapt needs, line by line."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import importlib.metadata
+import os
+import platform
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from eladapt.errors import EladaptError
+
+NEEDED = (
+    "numpy",
+    "scipy",
+    "pin",
+    "example-robot-data",
+    "matplotlib",
+    "meshcat",
+    "tornado",
+    "defusedxml",
+    "tqdm",
+)
+WANTED = {"mujoco": "mujoco", "bokeh": "report"}  # package: eladapt's extra
+STEPS, RATE = 400, 1e-3  # of the Panda's loop, and the step it has to keep [s]
+
+
+class Finding(NamedTuple):
+    """``ok``, ``note`` (works, but) or ``FAIL``, and what it is about."""
+
+    grade: str
+    text: str
+
+
+def doctor(_options: argparse.Namespace) -> int:
+    """Print the findings; 1 if something that is needed is missing."""
+    grades = []
+    for part in (_python, _packages, _pinocchio, _robots, _loopback, _speed):
+        for finding in _safely(part):
+            print(f"{finding.grade:4}  {finding.text}", flush=True)
+            grades.append(finding.grade)
+    return 1 if "FAIL" in grades else 0
+
+
+def _safely(part: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+    """A check that itself fails is a finding, not the end."""
+    try:
+        yield from part()
+    except (EladaptError, ImportError, OSError, AttributeError) as reason:
+        yield Finding("FAIL", f"{part.__name__.strip('_')}: {' '.join(str(reason).split())}")
+
+
+def _python() -> Iterator[Finding]:
+    version = platform.python_version()
+    yield Finding(
+        "ok" if sys.version_info >= (3, 11) else "FAIL", f"Python {version} on {platform.platform()}"
+    )
+
+
+def _packages() -> Iterator[Finding]:
+    for name in NEEDED:
+        version = _version(name)
+        yield (
+            Finding("ok", f"{name} {version}") if version else Finding("FAIL", f"{name}: pip install {name}")
+        )
+    for name, extra in WANTED.items():
+        version = _version(name)
+        missing = f'{name} is not installed: pip install "eladapt[{extra}]"'
+        yield Finding("ok", f"{name} {version}") if version else Finding("note", missing)
+
+
+def _pinocchio() -> Iterator[Finding]:
+    module = importlib.import_module("pinocchio")
+    if not hasattr(module, "computeJointTorqueRegressor"):
+        yield Finding(
+            "FAIL", f"the module pinocchio at {module.__file__} is another project's: pip uninstall pinocchio"
+        )
+        return
+    imported, installed = str(module.__version__), _version("pin") or ""
+    text = f"pinocchio {imported} from {os.path.dirname(str(module.__file__))}"
+    other = f"{text}, but pin {installed} is installed: PYTHONPATH (as of ROS) hides it"
+    yield Finding("ok", text) if installed.startswith(imported) else Finding("FAIL", other)
+
+
+def _robots() -> Iterator[Finding]:
+    from eladapt.robot import library
+    from eladapt.robot.model import Robot
+
+    for name in library.names():
+        Robot.load(name)
+    yield Finding(
+        "ok", f"{len(library.names())} robots of the library are read: {', '.join(library.names())}"
+    )
+
+
+def _loopback() -> Iterator[Finding]:
+    with contextlib.closing(socket.socket()) as opened:
+        opened.bind(("127.0.0.1", 0))
+    yield Finding("ok", "a page can be served on the loopback interface")
+
+
+def _speed() -> Iterator[Finding]:
+    from eladapt.control.composite import CompositeController
+    from eladapt.robot.model import Robot
+    from eladapt.simulation.plants import PinocchioPlant
+
+    robot = Robot.load("panda")
+    controller = CompositeController.for_robot(robot)
+    plant = PinocchioPlant(robot, robot.configuration(robot.home))
+    goal, measurement = robot.configuration(robot.target), plant.reset()
+    state, times = controller.init(measurement), []
+    for _ in range(STEPS):
+        began = time.perf_counter()
+        state, tau = controller.step(state, measurement, goal, RATE)
+        times.append(time.perf_counter() - began)
+        measurement = plant.step(tau, RATE)
+    middle, late = np.percentile(times, [50, 99])
+    text = f"a step of the Panda's controller takes {1e3 * middle:.2f} ms, 99 % at most {1e3 * late:.2f} ms"
+    yield Finding(
+        "ok" if late < RATE else "note", text + (": 1 kHz" if late < RATE else ": too slow for 1 kHz")
+    )
+    if os.environ.get("OPENBLAS_NUM_THREADS") != "1":
+        yield Finding("note", "the matrices are small: OPENBLAS_NUM_THREADS=1 is faster, and steadier")
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None

@@ -1,0 +1,159 @@
+"""``eladapt run`` and ``eladapt report``: a simulated move, and the page that keeps it."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eladapt.cli.checking import find
+from eladapt.control.certificates import certify
+from eladapt.control.composite import CompositeController
+from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_number, require_vector
+from eladapt.robot.model import Robot
+from eladapt.simulation.disturbances import Noise, Payload
+from eladapt.simulation.plants import PinocchioPlant
+from eladapt.simulation.record import Record
+from eladapt.simulation.run import simulate
+
+FRICTION: dict[str, Any] = {"none": False, "viscous": "viscous", "coulomb": "coulomb", "both": True}
+NEAR = 0.5  # [rad] from home, where a robot has no goal of its own
+
+
+def run(options: argparse.Namespace) -> None:
+    """Simulate, print how it went, and write record, plot and report."""
+    robot = find(options)
+    goal = _posture(robot, "--goal", options.goal, _own_goal(robot))
+    start = _posture(robot, "--start", options.start, robot.home)
+    dt = require_number("--dt", options.dt, 0)
+    duration = require_number("--duration", options.duration, 0)
+    if duration < dt:
+        raise ArgumentError(f"--duration: expected at least a step of {dt:g} s, got {duration:g} s")
+    plant = _plant(robot, start, options)
+    controller = CompositeController.for_robot(robot, dt, friction=FRICTION[options.friction])
+    title = robot.name + (f", {options.payload:g} kg" if options.payload is not None else "")
+
+    options.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before the run
+    failure = None
+    with contextlib.ExitStack() as open_views:
+        live: Any = None
+        if options.live:
+            from eladapt.display.viewer import view
+
+            live = open_views.enter_context(view(robot, live=True, load=controller.carried))
+        try:
+            record = simulate(
+                controller,
+                plant,
+                goal,
+                duration,
+                dt,
+                title=title,
+                observer=live,
+                progress=sys.stderr.isatty(),
+            )
+        except SimulationError as reason:
+            failure, record = reason, reason.record
+    if failure is None and not options.no_certificates:
+        record = _certified(record, controller, dt)
+    written = _write(record, options.out)
+    if failure is not None:
+        raise EladaptError(f"{failure}; what happened until then is in {written[0]}") from failure
+    _say(record, controller)
+    print(f"wrote {', '.join(map(str, written))}")
+    if options.view:
+        from eladapt.display.viewer import view
+
+        view(record).wait()
+
+
+def report(options: argparse.Namespace) -> None:
+    """Write the page. Raises RecordError for a file that is no record."""
+    from eladapt.display.report import report as write
+
+    records = [Record.load(path) for path in options.records]
+    out = options.out or options.records[0].with_suffix(".html")
+    if out.exists() and out.is_dir():
+        raise ArgumentError(f"--out: expected the name of a page, got the folder {out}")
+    print(f"wrote {write(records, out, labels=options.label, animation=not options.no_animation)}")
+
+
+def _plant(robot: Robot, start: np.ndarray, options: argparse.Namespace) -> Any:
+    load = None
+    if options.payload is not None:
+        mass = require_number("--payload", options.payload, 0)
+        attach = require_number("--attach", options.attach, 0, closed=True)
+        load = Payload(mass, attach=attach)
+    spread = require_number("--noise", options.noise, 0, closed=True)
+    if options.seed < 0:
+        raise ArgumentError(f"--seed: expected 0 or more, got {options.seed}")
+    given: dict[str, Any] = {"payload": load, "noise": Noise(spread, spread), "seed": options.seed}
+    if options.plant == "mujoco":
+        from eladapt.simulation.mujoco_plant import MujocoPlant
+
+        return MujocoPlant(robot, start, **given)
+    return PinocchioPlant(robot, start, **given)
+
+
+def _posture(robot: Robot, name: str, given: list[list[float]] | None, otherwise: np.ndarray) -> np.ndarray:
+    """The configuration for joint coordinates within the limits."""
+    x = otherwise if given is None else np.array([number for part in given for number in part])
+    if len(x) != robot.nv:
+        raise ArgumentError(
+            f"{name}: expected {robot.nv} numbers, for {', '.join(robot.joint_names)}; got {len(x)}"
+        )
+    x = require_vector(name, x, robot.nv)
+    outside = (x < robot.lower) | (x > robot.upper)
+    if given is not None and outside.any():
+        k = int(np.argmax(outside))
+        limits = f"{robot.lower[k]:.4g} to {robot.upper[k]:.4g}"
+        raise ArgumentError(f"{name}: {x[k]:g} is outside the limits of {robot.joint_names[k]}, {limits}")
+    return robot.configuration(x)
+
+
+def _own_goal(robot: Robot) -> np.ndarray:
+    if np.any(robot.target != robot.home):
+        return robot.target
+    away = np.where(robot.home + NEAR <= robot.upper, NEAR, -NEAR)
+    return np.clip(robot.home + away, robot.lower, robot.upper)
+
+
+def _certified(record: Record, controller: CompositeController, dt: float) -> Record:
+    from eladapt.display.tables import plain_certificate
+
+    kept = {**record.configuration, "certificates": [plain_certificate(certify(controller, dt=dt))]}
+    return dataclasses.replace(record, configuration=kept)
+
+
+def _write(record: Record, folder: Path) -> list[Path]:
+    """Record and plot, and the report where Bokeh is installed."""
+    from eladapt.display.plots import plot
+
+    stem = folder / Path(record.robot_source.get("load") or record.robot_source["name"]).name
+    written = [record.save(stem.with_suffix(".npz"))]
+    plot(record, stem.with_suffix(".png"))
+    written.append(stem.with_suffix(".png"))
+    try:
+        from eladapt.display.report import report as write
+    except EladaptError as reason:
+        print(f"warning: {reason}")
+    else:
+        written.append(write(record, stem.with_suffix(".html")))
+    return written
+
+
+def _say(record: Record, controller: CompositeController) -> None:
+    m = record.metrics()
+    print(f"every joint below 1e-3 rad after {m.settling_time:.2f} s" if np.isfinite(m.settling_time)
+          else f"not settled below 1e-3 rad after {record.t[-1]:g} s")  # fmt: skip
+    print(f"steady error {m.steady_error:.1e} rad, torque ripple at rest {m.chatter:.1e} N m")
+    if record.carried is not None:
+        load = controller.carried(record.final_state)
+        print(f"load, as estimated: {load.mass:.4g} kg")
+    if controller.regressors.n_friction:
+        print(controller.friction(record.final_state))

@@ -1,0 +1,138 @@
+"""One page that keeps a run: set-up, metrics, charts, motion, gains and certificates, in one file.
+
+The page holds all it needs, Bokeh's and MeshCat's code included; its content security policy has the
+browser refuse any request. It opens from a disk, without a server.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from eladapt.display import tables
+from eladapt.display.page import POLICY
+from eladapt.display.viewer import page_of
+from eladapt.errors import ArgumentError, EladaptError
+from eladapt.files import atomic_write
+from eladapt.simulation.record import Record
+
+try:
+    from bokeh.embed import file_html
+    from bokeh.layouts import column, gridplot
+    from bokeh.models import Div, TabPanel, Tabs
+    from bokeh.resources import INLINE
+
+    from eladapt.display import charts
+except ImportError as reason:
+    raise EladaptError(
+        f'a report needs Bokeh, which is not installed ({reason}): pip install "eladapt[report]"'
+    ) from reason
+
+TEMPLATE = (
+    '{% block preamble %}<meta http-equiv="Content-Security-Policy" content="'
+    + POLICY
+    + '"><style>body { margin: 14px }</style>{% endblock %}'
+)
+FRAME_STYLE = ".bk-clearfix { display: block; width: 100% } iframe { width: 100%; height: 78vh; border: 0 }"
+
+
+def report(
+    records: Record | Sequence[Record],
+    path: str | Path,
+    *,
+    labels: Sequence[str] | None = None,
+    certificates: Iterable[Any] = (),
+    animation: bool = True,
+) -> Path:
+    """Write one self-contained HTML page about a record, or several beside each other.
+
+    labels: a name for each record instead of its title. certificates: of `certify`, added to those that a
+    record's configuration keeps. animation: the motion in three dimensions, about 5 MB a record.
+    Raises ArgumentError for a file name that does not end in .html, labels that are not one a record,
+    and what `view` raises.
+    """
+    several = (records,) if isinstance(records, Record) else tuple(records)
+    if not several or not all(isinstance(record, Record) for record in several):
+        raise ArgumentError(f"records: expected a Record, or a sequence of at least one, got {records!r}")
+    names = _distinct([record.title for record in several]) if labels is None else list(labels)
+    if len(names) != len(several):
+        raise ArgumentError(f"labels: expected {len(several)}, one a record, got {len(names)}")
+    path = Path(path)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ArgumentError(f"path: expected a file name that ends in .html, got {str(path)!r}")
+    given = [tables.plain_certificate(certificate) for certificate in certificates]
+    title = names[0] if len(several) == 1 else f"{len(several)} runs"
+    heading = f"<h1 style='font-size: 22px; margin: 0'>{html.escape(title)}</h1>"
+    overview = [_text("<h2>Metrics</h2>" + tables.metrics(several, names) + MEANING)]
+    if len(several) == 1:
+        sections = _sections(several[0], given, animation)
+        first, rest = sections[0], sections[1:]
+        pages = [("Overview", column(*overview, first[1], **WIDE)), *rest]
+    else:
+        compared = _charts(charts.comparison(several, names))
+        pages = [("Comparison", column(*overview, compared, **WIDE))]
+        for name, record in zip(names, several, strict=True):
+            own = [(label, part) for label, part in _sections(record, given, animation)]
+            pages.append((name, _tabs(own)))
+    whole = column(_text(heading), _tabs(pages), **WIDE)
+    text = file_html(whole, INLINE, title=f"eladapt: {title}", template=TEMPLATE)
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+WIDE: Any = {"sizing_mode": "stretch_width"}
+MEANING = (
+    "<p>Settled: every joint's error stays below 1e-3 rad from then on. Steady error, torque ripple (peak to "
+    "peak, less its trend): the largest of the last second. θ: all gravity parameters. Drag a rectangle to "
+    "zoom, click a name in a legend to hide its line, hover over a line for its values.</p>"
+)
+
+
+def _sections(
+    record: Record, certificates: Sequence[Mapping[str, Any]], animation: bool
+) -> list[tuple[str, Any]]:
+    """What is said of one record, by tab; the first is the summary."""
+    kept = [*record.configuration.get("certificates", ()), *certificates]
+    motion, learnt = charts.motion(record), charts.learning(record)
+    sections = [
+        ("Motion", _charts(motion)),
+        (
+            "Learning",
+            column(*([_charts(learnt)] if learnt else []), _text(tables.parameters(record)), **WIDE),
+        ),
+        ("3D", _animation(record)) if animation else None,
+        ("Gains", _text(tables.gains(record))),
+        ("Certificates", _text(tables.certificates(kept))),
+        ("Set-up", _text(tables.setup(record))),
+    ]
+    return [section for section in sections if section is not None]
+
+
+def _charts(drawn: Sequence[Any]) -> Any:
+    """Two a row."""
+    return gridplot(list(drawn), ncols=2, merge_tools=False, toolbar_options={"logo": None}, **WIDE)
+
+
+def _tabs(pages: Sequence[tuple[str, Any]]) -> Any:
+    return Tabs(tabs=[TabPanel(title=name, child=child) for name, child in pages], **WIDE)
+
+
+def _text(content: str) -> Any:
+    return Div(text=content, stylesheets=[tables.STYLE], disable_math=True, **WIDE)
+
+
+def _animation(record: Record) -> Any:
+    """MeshCat's page in a frame of its own, which has no access to this page."""
+    page = html.escape(page_of(record), quote=True)
+    frame = f'<iframe title="3D" sandbox="allow-scripts" srcdoc="{page}"'
+    return Div(text=f"{frame}></iframe>", stylesheets=[FRAME_STYLE], disable_math=True, **WIDE)
+
+
+def _distinct(titles: Sequence[str]) -> list[str]:
+    """Titles that occur more than once get a number."""
+    return [
+        f"{title} ({number})" if titles.count(title) > 1 else title for number, title in enumerate(titles, 1)
+    ]
