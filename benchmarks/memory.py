@@ -1,8 +1,8 @@
 """Memory of the process over many controller steps: a loop that runs for weeks must not grow.
 
 The Panda's whole step, with noise so that nothing ever settles, a set-point that changes every second and a
-load that comes and goes, on the Pinocchio plant. Prints the resident set at intervals, and its growth over the
-second half: a leak of one array of seven numbers a step would make 80 MB there in a million steps.
+load that comes and goes, on the Pinocchio plant. Prints the resident set at intervals, and its growth over
+the second half: a leak of one array of seven numbers a step would make 80 MB there in a million steps.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import eladapt as ea
 DT = 1e-3
 INTERVALS = 10
 ALLOWED = 1.0  # [MB] over the second half: what allocators give and take
+HEAD = ["steps", "resident [MB]", "steps/s"]
 CHANGE, LOADED = 1000, 20_000  # steps between set-points, and between attaching and releasing the load
 
 
@@ -74,8 +75,8 @@ def main() -> None:
     slope = np.polyfit([s.steps for s in half], [s.resident for s in half], 1)[0]
     rows = [[f"{s.steps:,}", f"{s.resident:.2f}", f"{s.rate:.0f}"] for s in samples]
     verdict = "no growth" if growth <= ALLOWED else "GROWTH"
-    notes = f"{verdict}: {growth:+.2f} MB over the second half (at most {ALLOWED:g}), {1e6 * slope:+.2f} bytes a step."
-    write("memory", "Memory over many controller steps", ["steps", "resident [MB]", "steps/s"], rows, notes)
+    change = f"{growth:+.2f} MB over the second half (at most {ALLOWED:g}), {1e6 * slope:+.2f} bytes a step"
+    write("memory", "Memory over many controller steps", HEAD, rows, f"{verdict}: {change}.")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,8 @@ The semi-implicit law asks for the torque at the end of the horizon, as M(q) and
 there. A joint held by friction does not get there: the law believes that it arrives, and pushes too
 little. With the torque d that was missing over the last moments the prediction is
 M (w - v) = H (law(e + H w, w) + d), the same equation from the velocity v + H M^-1 d. The torque is still the
-law's: d is not added to it, so the steady error is that of the law itself, (f/P)^(1/a) for a friction f.
+law's, d is not added to it: a friction f stops a joint within (f/P)^(1/a) of its goal, where the law itself
+pushes with f.
 """
 
 from __future__ import annotations
