@@ -64,7 +64,7 @@ class LiveView:
 
         t [s]: of the run; the path of the tool starts again where it falls back. Returns at once, always:
         in microseconds, and without an effect where the last frame is less than 1/60 s old.
-        Raises ArgumentError for a posture of another shape.
+        Raises ArgumentError for a posture of another shape, where it would be drawn.
         """
         now = time.perf_counter()
         if now >= self._next:
@@ -117,7 +117,7 @@ class LiveView:
             )
         message[0], message[1:HEAD], message[HEAD : HEAD + size], message[HEAD + size :] = t, carried, q, goal
         try:
-            self._socket.send(message)
+            self._socket.send(message.data)
             self.sent += 1
         except BlockingIOError:
             self.dropped += 1

@@ -145,6 +145,7 @@ def test_a_posture_that_is_not_finite_is_not_drawn(live, robot):
 
 
 def test_a_posture_of_another_shape_is_refused(live):
+    live._next = 0.0
     with pytest.raises(ArgumentError, match=r"expected shape \(2,\)"):
         live.show(0.0, np.zeros(3))
 
