@@ -132,7 +132,7 @@ def main() -> None:
     notes = (
         "The Panda's controller at 1 kHz, `CompositeController.step` with `LiveView.show` (on) and without "
         "(off), in alternating blocks of one loop. A ratio above 1.10 is marked **no**. Steps late: "
-        "longer than 1 ms together with the simulation of the arm, on and off alike. Not told of a step, the view costs nothing."
+        "longer than 1 ms together with the simulation of the arm, on and off alike."
     )
     write("live_view", "Step times with the live view on", head, rows, notes)
 
