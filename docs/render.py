@@ -46,10 +46,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     names = sorted(path.stem for path in EXAMPLES.glob("*.py"))
     parser.add_argument("examples", nargs="*", choices=[*names, []], metavar="EXAMPLE", help=", ".join(names))
-    wanted = parser.parse_args().examples or names
-    with tempfile.TemporaryDirectory() as folder:
+    parser.add_argument("--out", metavar="FOLDER", help="keep the files; what is there is not run again")
+    options = parser.parse_args()
+    wanted = options.examples or names
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.out or temporary
         out = Path(folder)
         for name in wanted:
+            if (out / f"{SHOWS.get(name, name)}.html").exists():
+                continue
             print(f"{name} ...", flush=True)
             command = [sys.executable, str(EXAMPLES / f"{name}.py"), *ARGUMENTS.get(name, [])]
             environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
@@ -88,7 +93,7 @@ def chromium() -> Iterator[Any]:
 def scene(browser: Any, page: Path, moment: float, size: tuple[int, int]) -> Image.Image:
     """The animation as it is at a moment [s]."""
     prepare = f"""(() => {{ viewer.animator.pause(); viewer.animator.seek({moment});
-        document.querySelector(".dg.ac").style.display = "none"; }})()"""
+        document.querySelectorAll(".dg").forEach(panel => panel.style.display = "none"); }})()"""
     return look(browser, page, size, prepare)
 
 
