@@ -151,11 +151,11 @@ def main() -> None:
         "1e-4 rad and 1e-3 rad/s, of which the controllers (but Slotine-Li's) are told. Back, sag: before "
         "the next move; error left: of the last half second. A released load is a negative mass. +-: "
         "standard deviations as estimated. With noise the place of the load along the vertical is unknown "
-        "until the arm moves with it; and after 3 s of rest noise has made the inertia look smaller than it is, "
-        "so that the start is taken for one more change, of which the misfit says that it is no load. Misfit: "
-        "the part of the change that no load explains. With noise the "
-        "law's horizon is 10 ms instead of 1, which leaves a PD softer against a load that nothing "
-        "compensates; the two composite rows have the disturbance estimate of the control law."
+        "until the arm moves with it; and after 3 s of rest noise has made the inertia look smaller than it "
+        "is, so that the start is taken for one more change, of which the misfit says that it is no load. "
+        "Misfit: the part of the change that no load explains. With noise the law's horizon is 10 ms instead "
+        "of 1, which leaves a PD softer against a load that nothing compensates; the two composite rows have "
+        "the disturbance estimate of the control law."
     )
     write("payload", "A load that comes unannounced (panda)", head, rows, notes)
 
