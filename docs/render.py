@@ -36,8 +36,8 @@ SMALL, MOST_BYTES = (320, 240), 60_000
 FLAGS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-component-update",
          "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # fmt: skip
 # When the motion looks best [s], and which file shows it where that has another name.
-MOMENT = {"panda": 0.45, "panda_payload": 5.5, "two_link": 0.5, "ur5_waypoints": 2.5,
-          "kinova_continuous": 0.4, "talos_armature": 0.4, "own_urdf": 0.4, "own_law": 0.5}  # fmt: skip
+MOMENT = {"panda": 0.45, "panda_payload": 5.5, "two_link": 0.5, "ur5_waypoints": 2.25,
+          "kinova_continuous": 0.4, "talos_armature": 0.4, "own_urdf": 0.1, "own_law": 0.5}  # fmt: skip
 SHOWS = {"own_urdf": "own_two_link"}
 ARGUMENTS = {"own_urdf": [str(DOCS.parent / "robots" / "two_link.urdf")]}
 
@@ -65,7 +65,8 @@ def main() -> None:
                 if name == "paper":
                     picture = Image.open(out / "paper_case1_motion.png").convert("RGB")
                 else:
-                    picture = scene(browser, out / f"{SHOWS.get(name, name)}.html", MOMENT[name], (960, 720))
+                    animation = out / f"{SHOWS.get(name, name)}.html"
+                    picture = scene(browser, animation, MOMENT[name], (640, 480), legend=False)
                 save(thumbnail(picture), THUMBNAILS / f"{name}.png")
             if "panda" in wanted:
                 readme(browser, out)
@@ -90,10 +91,11 @@ def chromium() -> Iterator[Any]:
         opened.close()
 
 
-def scene(browser: Any, page: Path, moment: float, size: tuple[int, int]) -> Image.Image:
+def scene(browser: Any, page: Path, moment: float, size: tuple[int, int], legend: bool = True) -> Image.Image:
     """The animation as it is at a moment [s]."""
+    hidden = ".dg" if legend else ".dg, #legend"
     prepare = f"""(() => {{ viewer.animator.pause(); viewer.animator.seek({moment});
-        document.querySelectorAll(".dg").forEach(panel => panel.style.display = "none"); }})()"""
+        document.querySelectorAll("{hidden}").forEach(part => part.style.display = "none"); }})()"""
     return look(browser, page, size, prepare)
 
 
@@ -122,7 +124,7 @@ def thumbnail(picture: Image.Image) -> Image.Image:
     reduced.thumbnail(SMALL, Image.Resampling.LANCZOS)
     sheet = Image.new("RGB", SMALL, "white")
     sheet.paste(reduced, ((SMALL[0] - reduced.width) // 2, (SMALL[1] - reduced.height) // 2))
-    return sheet.quantize(128)
+    return sheet
 
 
 def save(picture: Image.Image, path: Path) -> None:
