@@ -80,9 +80,9 @@ def main() -> None:
     notes = (
         f"{options.duration:g} s at {1 / DT:g} Hz, the controller behind its gate"
         f"{', compiled' * options.compiled}, {priority} real-time priority. Times: 50 %, 99 %, "
-        "99.9 %, largest. An overrun is a tick whose command was not out when the next one was due (asked: "
-        f"under 1 %). Error at rest: in the last second of each leg of {LEG:g} s (asked: 2e-3 rad). Periods without a "
-        "torque: by the robot, which then holds the one before."
+        "99.9 %, largest. An overrun is a tick whose command was not out when the next one was due "
+        f"(asked: under 1 %). Error at rest: in the last second of each leg of {LEG:g} s (asked: 2e-3 rad). "
+        "Periods without a torque: by the robot, which then holds the one before."
     )
     write("udp_loop", "1 kHz over UDP against a robot in another process", head, rows, notes)
 
