@@ -3,8 +3,8 @@
     python docs/render.py                  # all of them (some minutes)
     python docs/render.py panda own_law    # these examples' alone
 
-A thumbnail is the arm half way to its set-point, as Chromium draws the example's animation; the paper's is
-its first figure. The Panda's example makes the README's plot, view and report as well, the paper's its figure.
+A thumbnail is the arm on its way, as Chromium draws the example's animation; the paper's is
+its first figure. The examples panda and paper make the README's pictures as well.
 """
 
 from __future__ import annotations
