@@ -3,8 +3,8 @@
     python docs/render.py                  # all of them (some minutes)
     python docs/render.py panda own_law    # these examples' alone
 
-A thumbnail is the arm half way to its set-point, as Chromium draws the example's animation; the paper's is
-its first figure. The Panda's example makes the README's plot, view and report as well.
+A thumbnail is the arm on its way, as Chromium draws the example's animation; the paper's is
+its first figure. The examples panda and paper make the README's pictures as well.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def main() -> None:
         folder = options.out or temporary
         out = Path(folder)
         for name in wanted:
-            if (out / f"{SHOWS.get(name, name)}.html").exists():
+            if any((out / f"{SHOWS.get(name, name)}.{kind}").exists() for kind in ("html", "md")):
                 continue
             print(f"{name} ...", flush=True)
             command = [sys.executable, str(EXAMPLES / f"{name}.py"), *ARGUMENTS.get(name, [])]
@@ -70,6 +70,9 @@ def main() -> None:
                 save(thumbnail(picture), THUMBNAILS / f"{name}.png")
             if "panda" in wanted:
                 readme(browser, out)
+        if "paper" in wanted:
+            with atomic_write(DOCS / "paper_case1.png") as whole:
+                shutil.copyfile(out / "paper_case1_motion.png", whole)
 
 
 def readme(browser: Any, out: Path) -> None:

@@ -235,3 +235,20 @@ def test_who_was_too_slow_for_a_frame_gets_the_last_one(robot):
     assert ghost <= paths[0]
     assert not ghost & paths[1], "it stays"
     assert ghost <= paths[2]
+
+
+def test_a_mesh_from_elsewhere_is_refused_by_name(tmp_path):
+    """As in a recording: the server's own process says so to the one that asked."""
+    (tmp_path / "robot").mkdir()
+    secret = tmp_path / "secret.stl"
+    secret.write_text("solid one\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+                      "endloop\nendfacet\nendsolid one\n")  # fmt: skip
+    (tmp_path / "robot" / "arm.urdf").write_text(
+        f"""<robot name="arm"><link name="base"/><link name="link"><inertial><mass value="1"/>
+        <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+        <visual><geometry><mesh filename="{secret}"/></geometry></visual></link>
+        <joint name="hinge" type="revolute"><parent link="base"/><child link="link"/>
+        <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="20" velocity="3"/></joint></robot>"""
+    )
+    with pytest.raises(ArgumentError, match="lies outside the folders"):
+        ea.view(ea.Robot.from_urdf(tmp_path / "robot" / "arm.urdf"), live=True)
