@@ -26,7 +26,7 @@ from matplotlib import pyplot as plt
 
 FIGURE = Path(__file__).parents[1] / "docs" / "discretisation.png"
 RATES = (250, 500, 1000, 2000, 4000)  # [Hz]
-NOISE = {"position_noise": 1e-4, "velocity_noise": 1e-3}  # [rad], [rad/s]
+NOISE: dict[str, Any] = {"position_noise": 1e-4, "velocity_noise": 1e-3}  # [rad], [rad/s]
 FRICTION = ea.Friction(coulomb=1.0)
 CASES: dict[str, dict[str, Any]] = {  # what the plant has and the controller is not told
     "nothing unknown": {},

@@ -8,7 +8,10 @@ from eladapt.control.bounds import model_bounds
 from eladapt.control.certificates import certify, settling_bounds
 from eladapt.control.composite import CompositeController, ControllerState
 from eladapt.control.finite_time import FiniteTimePD
+from eladapt.control.gate import FAULTS, Fault, TorqueGate
+from eladapt.control.gated import GatedController, GatedState
 from eladapt.control.lyapunov import LyapunovFunctions
+from eladapt.control.saved import load_state, save_state
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import TerminalSliding
 from eladapt.errors import EladaptError
@@ -20,6 +23,9 @@ from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenval
 from eladapt.estimation.noise import MeasuredNoise, measure_noise
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
+from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
+from eladapt.hardware.timing import Timing
+from eladapt.hardware.udp import UdpRobot
 from eladapt.robot.library import names as robots
 from eladapt.robot.model import Robot
 from eladapt.robot.parameters import ParameterBasis
@@ -39,21 +45,26 @@ if TYPE_CHECKING:
     from eladapt.simulation.mujoco_plant import MujocoPlant
 
 __all__ = [
+    "FAULTS",
     "CompositeController",
     "CompositeLaw",
     "ControllerState",
     "Determinant",
     "Directional",
     "EladaptError",
+    "Fault",
     "FiniteTimePD",
     "ForceBalance",
     "Friction",
     "FrictionEstimate",
+    "GatedController",
+    "GatedState",
     "Information",
     "IntervalExcitation",
     "Kreisselmeier",
     "LeastSquares",
     "LiveView",
+    "LoopResult",
     "LyapunovFunctions",
     "MeasuredNoise",
     "Measurement",
@@ -69,17 +80,24 @@ __all__ = [
     "Regression",
     "Regressors",
     "Robot",
+    "RobotInterface",
     "SlotineLi",
     "SmallestEigenvalue",
     "TerminalSliding",
+    "Timing",
+    "TorqueGate",
+    "UdpRobot",
     "certify",
     "estimate_payload",
+    "load_state",
     "measure_noise",
     "model_bounds",
     "paper",
     "plot",
     "report",
     "robots",
+    "run_loop",
+    "save_state",
     "settling_bounds",
     "simulate",
     "simulate_many",

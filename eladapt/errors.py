@@ -39,7 +39,16 @@ class Finding(NamedTuple):
     remedy: str
 
     def __str__(self) -> str:
-        return f"{self.element}: {self.value}: {self.problem}. {self.remedy}"
+        return f"{_shown(self.element)}: {_shown(self.value)}: {self.problem}. {self.remedy}"
+
+
+def _shown(text: str, most: int = 300) -> str:
+    """A text from a file, as far as a message should show it."""
+    return (
+        text
+        if len(text) <= most
+        else f"{text[: most // 2]} ... {text[-most // 2 :]} ({len(text)} characters)"
+    )
 
 
 class UrdfError(EladaptError):
@@ -64,6 +73,22 @@ class SimulationError(EladaptError):
 
 class RecordError(EladaptError):
     """A file that is not a readable record."""
+
+
+class HardwareError(EladaptError):
+    """A robot that cannot be reached or started, or a system that cannot do what was asked."""
+
+
+class LoopError(HardwareError):
+    """A loop that ended early; ``record``, ``state`` and ``timing`` hold all that happened until then."""
+
+    def __init__(self, message: str, record: Any = None, state: Any = None, timing: Any = None):
+        self.record, self.state, self.timing = record, state, timing
+        super().__init__(message)
+
+
+class StateError(EladaptError):
+    """A file that is not the saved state of this controller, or a damaged one."""
 
 
 class RankWarning(UserWarning):

@@ -159,7 +159,7 @@ class Recorder:
         mixed, excitation = getattr(state, "mixed", None), getattr(state, "excitation", None)
         sample = {
             "t": t, "q": q, "v": v, "tau": tau, "goal": goal,
-            "error": self.robot.difference(goal, q),
+            "error": _error(self.robot, goal, q),
             "theta": theta,
             "delta": np.atleast_1d(mixed.delta) if mixed else np.zeros(0),
             "zeta": excitation.gates if excitation else np.zeros(0),
@@ -221,6 +221,14 @@ class Recorder:
         frame = payload.frame if payload else None
         found = [(t, estimate(state, frame)) for t, state in self._kept]
         return np.array([[t, load.mass, *load.com, load.misfit] for t, load in found])
+
+
+def _error(robot: Robot, goal: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """e1 = q - q_d; nan where a sensor's failure left nothing to subtract."""
+    try:
+        return robot.difference(goal, q)
+    except ArgumentError:
+        return np.full(robot.nv, np.nan)
 
 
 def describe(value: Any) -> Any:

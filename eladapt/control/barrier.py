@@ -1,0 +1,79 @@
+"""Keeps joints below their speed limits and within their range, by as little torque as that takes.
+
+A joint may accelerate towards a bound on its speed by what is left of it in a horizon h,
+a_i <= (bound_i - v_i) / h. The bound is the speed limit, or what is left to the end of the range in ``time``,
+whichever is less. Torque that would accelerate a joint more is corrected, in the joints concerned alone (a
+control barrier function). What the URDF's model does not explain (a load, friction) is estimated as a torque,
+from what the arm does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eladapt.errors import require_number
+from eladapt.robot.model import Robot
+from eladapt.signals import Measurement
+
+SWEEPS = 4  # correcting one joint may accelerate another; more than two sweeps were never needed
+
+
+@dataclass(frozen=True, eq=False)
+class Barrier:
+    """Bounds of speed; velocity, lower, upper (nv,), inf where nothing is set.
+
+    share: of the speed limit that is used. time [s]: to the end of the range, braking from the speed limit
+    takes v / time [rad/s^2]. horizon: h [s], not below the time in which torque
+    can change from none to all. memory [s]: of the torque that the model does not
+    explain; where that is off by d, the speed exceeds its bound by up to h d / M, M the inertia of the joint.
+    """
+
+    robot: Robot
+    velocity: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    share: float = 0.85
+    time: float = 0.1
+    horizon: float = 0.01
+    memory: float = 0.005
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "share", require_number("share", self.share, 0, 1, closed=True))
+        for name in ("time", "horizon", "memory"):
+            object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
+
+    def unexplained(
+        self, before: np.ndarray, last: Measurement, measurement: Measurement, dt: float
+    ) -> np.ndarray:
+        """(nv,) [N m] what acts on the arm beside torque and model; ``before``: as it was at ``last``."""
+        _, q, v, tau = measurement
+        now = self.robot.inverse_dynamics(q, v, (v - last.v) / dt) - tau
+        return before - np.expm1(-dt / self.memory) * (now - before)
+
+    def torque(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
+        """tau (nv,), corrected where a joint would pass its bound."""
+        robot = self.robot
+        x = robot.coordinates(q)
+        fastest = np.minimum(self.share * self.velocity, np.maximum(self.upper - x, 0.0) / self.time)
+        slowest = np.maximum(-self.share * self.velocity, np.minimum(self.lower - x, 0.0) / self.time)
+        most, least = (fastest - v) / self.horizon, (slowest - v) / self.horizon
+        acceleration = robot.forward_dynamics(q, v, tau + unexplained)
+        allowed = np.clip(acceleration, least, most)
+        bound = allowed != acceleration
+        if not bound.any():
+            return tau
+        inverse = np.linalg.inv(robot.mass_matrix(q))
+        for _ in range(SWEEPS):
+            change = np.zeros(robot.nv)
+            wanted = allowed[bound] - acceleration[bound]
+            change[bound] = np.linalg.solve(inverse[np.ix_(bound, bound)], wanted)
+            tau, acceleration = tau + change, acceleration + inverse @ change
+            allowed = np.clip(acceleration, least, most)
+            further = np.abs(allowed - acceleration) > 1e-9 * (1 + np.abs(acceleration))
+            if not further.any():
+                break
+            bound |= further
+            allowed = np.where(further, allowed, acceleration)
+        return tau
