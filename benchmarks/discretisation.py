@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
-from table import write
+from table import COMPILED, write
 
 import eladapt as ea
 from eladapt.files import atomic_write
@@ -68,7 +68,9 @@ class Outcome(NamedTuple):
 def controller(job: Job) -> ea.CompositeController:
     robot = ea.Robot.load(job.robot)
     told: dict[str, Any] = NOISE if job.way == TOLD else {}
-    derived = ea.CompositeController.for_robot(robot, 1 / job.rate, friction=job.columns, **told)
+    derived = ea.CompositeController.for_robot(
+        robot, 1 / job.rate, friction=job.columns, compiled=COMPILED, **told
+    )
     if job.way in (DEFAULT, TOLD):
         return derived
     evaluation: Any = "semi_implicit" if job.way == BLIND else job.way.replace("-", "_")
