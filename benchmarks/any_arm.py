@@ -87,7 +87,11 @@ def main() -> None:
     options = parser.parse_args()
     jobs = [(name, seed) for name in options.robots for seed in range(options.runs)]
     with ProcessPoolExecutor(options.jobs) as pool:
-        runs = list(tqdm(pool.map(run, jobs), total=len(jobs), unit="run"))
+        runs = []
+        for result in tqdm(pool.map(run, jobs), total=len(jobs), unit="run"):
+            runs.append(result)
+            if not result.good:
+                tqdm.write(str(result))
     head = [
         "robot", "good", "median settling [s]", "worst settling [s]", "worst steady error [rad]",
         "worst gravity error / bound", "largest effort / limit", "failures (set-point seeds)",

@@ -1,9 +1,9 @@
 """Friction that the controller is not told: with and without friction columns, fed forward or not.
 
 One move from home to the target of each robot at 1 kHz, from theta_U = 0 and no knowledge of friction, with
-`CompositeController.for_robot(robot, friction=...)` and nothing else. "disturbance estimate" adds a 10 ms
-low-pass of the model's residual, tau - (M dv/dt + C v) - Psi theta with the URDF's M and C, to the torque;
-"fed forward" adds the friction found and the estimate of what it does not explain.
+`CompositeController.for_robot(robot, friction=...)` and nothing else. Without feed-forward the control law's
+prediction has a disturbance estimate, which adds nothing to the torque; with it the torque has what friction
+is found to take, and an estimate of what that does not explain.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from eladapt.errors import SimulationError
 
 DT = 1e-3
 STATES = 100  # at which the two engines' M and C v + g are compared
-MEMORY = 0.01  # [s] of the disturbance estimate
 CASES: tuple[tuple[str, str, float, float], ...] = (  # robot, plant, viscous and Coulomb beside the URDF's
     ("panda", "MujocoPlant", 0.0, 0.0),
     ("ur5", "MujocoPlant", 0.0, 0.0),
@@ -33,8 +32,7 @@ CASES: tuple[tuple[str, str, float, float], ...] = (  # robot, plant, viscous an
 )
 WAYS: dict[str, dict[str, Any]] = {
     "no columns": {},
-    "columns": {"friction": True, "friction_feedforward": False},
-    "columns, disturbance estimate": {"friction": True, "friction_feedforward": False, "disturbance": True},
+    "columns, not fed forward": {"friction": True, "friction_feedforward": False},
     "columns, fed forward (default)": {"friction": True},
 }
 
@@ -53,47 +51,20 @@ class Run(NamedTuple):
     known: str
 
 
-class Disturbed:
-    """A controller with a disturbance estimate around it."""
-
-    def __init__(self, controller: ea.CompositeController):
-        self.controller, self.robot = controller, controller.robot
-        self.before: ea.Measurement | None = None
-        self.residual = np.zeros(self.robot.nv)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.controller, name)
-
-    def step(self, state: Any, measurement: ea.Measurement, goal: np.ndarray, dt: float) -> Any:
-        """The torque with the residual added, clipped again."""
-        state, tau = self.controller.step(state, measurement, goal, dt)
-        if self.before is not None:
-            _, q, v, applied = measurement
-            inertial = self.robot.mass_matrix(q) @ (v - self.before.v) / dt
-            inertial += self.robot.coriolis_matrix(q, v) @ v
-            now = applied - inertial - self.controller.regressors.gravity(q) @ state.theta
-            self.residual += (1 - np.exp(-dt / MEMORY)) * (now - self.residual)
-        self.before = measurement
-        limit = self.robot.effort_limit
-        return state, np.clip(tau + self.residual, -limit, limit)
-
-
 def run(job: tuple[int, str, float]) -> Run:
     index, way, duration = job
     name, engine, viscous, coulomb = CASES[index]
-    robot, options = ea.Robot.load(name), dict(WAYS[way])
-    disturbed = options.pop("disturbance", False)
+    robot, options = ea.Robot.load(name), WAYS[way]
     controller = ea.CompositeController.for_robot(robot, DT, compiled=COMPILED, **options)
     friction = ea.Friction(viscous, coulomb)
     plant = getattr(ea, engine)(robot, robot.configuration(robot.home), friction=friction)
-    loop = Disturbed(controller) if disturbed else controller
     goal = robot.configuration(robot.target)
     measurement = plant.reset()
     state = controller.init(measurement)
     errors, torques = [], []
     try:
         for _ in range(round(duration / DT)):
-            state, tau = loop.step(state, measurement, goal, DT)
+            state, tau = controller.step(state, measurement, goal, DT)
             measurement = plant.step(tau, DT)
             errors.append(np.abs(robot.difference(goal, measurement.q)).max())
             torques.append(tau)

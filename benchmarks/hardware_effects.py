@@ -161,9 +161,8 @@ def main() -> None:
         f"makes {1e3 * ahead()['velocity_noise']:.0f} mrad/s of velocity noise. Error: the true one, of the "
         f"last second; ripple: peak to peak, less its trend. The arm's gravity torque is at most {bound:.0f} "
         "N m. With friction columns gravity is learned slowly, since the joints stop before it is told apart "
-        "from friction; the disturbance estimate carries the difference. False alarms: changes of the arm "
-        "noticed where there was none; friction that is in no column is taken for one, and so is a lagging "
-        "velocity in fast motion."
+        "from friction; what is fed forward carries the difference. False alarms: changes of the arm noticed "
+        "where there was none. Not told of friction, the control law's disturbance estimate has what is left."
     )
     write(options.output, "Hardware and what it costs (panda)", head, rows, notes)
 

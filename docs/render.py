@@ -3,8 +3,8 @@
     python docs/render.py                  # all of them (some minutes)
     python docs/render.py panda own_law    # these examples' alone
 
-A thumbnail is the arm half way to its set-point, as Chromium draws the example's animation; the paper's is
-its first figure. The Panda's example makes the README's plot, view and report as well.
+A thumbnail is the arm on its way, as Chromium draws the example's animation; the paper's is
+its first figure. The examples panda and paper make the README's pictures as well.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ SMALL, MOST_BYTES = (320, 240), 60_000
 FLAGS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-component-update",
          "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # fmt: skip
 # When the motion looks best [s], and which file shows it where that has another name.
-MOMENT = {"panda": 0.45, "panda_payload": 5.5, "two_link": 0.5, "ur5_waypoints": 2.5,
-          "kinova_continuous": 0.4, "talos_armature": 0.4, "own_urdf": 0.4, "own_law": 0.5}  # fmt: skip
+MOMENT = {"panda": 0.45, "panda_payload": 5.5, "two_link": 0.5, "ur5_waypoints": 2.25,
+          "kinova_continuous": 0.4, "talos_armature": 0.4, "own_urdf": 0.1, "own_law": 0.5}  # fmt: skip
 SHOWS = {"own_urdf": "own_two_link"}
 ARGUMENTS = {"own_urdf": [str(DOCS.parent / "robots" / "two_link.urdf")]}
 
@@ -46,10 +46,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     names = sorted(path.stem for path in EXAMPLES.glob("*.py"))
     parser.add_argument("examples", nargs="*", choices=[*names, []], metavar="EXAMPLE", help=", ".join(names))
-    wanted = parser.parse_args().examples or names
-    with tempfile.TemporaryDirectory() as folder:
+    parser.add_argument("--out", metavar="FOLDER", help="keep the files; what is there is not run again")
+    options = parser.parse_args()
+    wanted = options.examples or names
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.out or temporary
         out = Path(folder)
         for name in wanted:
+            if any((out / f"{SHOWS.get(name, name)}.{kind}").exists() for kind in ("html", "md")):
+                continue
             print(f"{name} ...", flush=True)
             command = [sys.executable, str(EXAMPLES / f"{name}.py"), *ARGUMENTS.get(name, [])]
             environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
@@ -60,10 +65,14 @@ def main() -> None:
                 if name == "paper":
                     picture = Image.open(out / "paper_case1_motion.png").convert("RGB")
                 else:
-                    picture = scene(browser, out / f"{SHOWS.get(name, name)}.html", MOMENT[name], (960, 720))
+                    animation = out / f"{SHOWS.get(name, name)}.html"
+                    picture = scene(browser, animation, MOMENT[name], (640, 480), legend=False)
                 save(thumbnail(picture), THUMBNAILS / f"{name}.png")
             if "panda" in wanted:
                 readme(browser, out)
+        if "paper" in wanted:
+            with atomic_write(DOCS / "paper_case1.png") as whole:
+                shutil.copyfile(out / "paper_case1_motion.png", whole)
 
 
 def readme(browser: Any, out: Path) -> None:
@@ -85,10 +94,11 @@ def chromium() -> Iterator[Any]:
         opened.close()
 
 
-def scene(browser: Any, page: Path, moment: float, size: tuple[int, int]) -> Image.Image:
+def scene(browser: Any, page: Path, moment: float, size: tuple[int, int], legend: bool = True) -> Image.Image:
     """The animation as it is at a moment [s]."""
+    hidden = ".dg" if legend else ".dg, #legend"
     prepare = f"""(() => {{ viewer.animator.pause(); viewer.animator.seek({moment});
-        document.querySelector(".dg.ac").style.display = "none"; }})()"""
+        document.querySelectorAll("{hidden}").forEach(part => part.style.display = "none"); }})()"""
     return look(browser, page, size, prepare)
 
 
@@ -117,7 +127,7 @@ def thumbnail(picture: Image.Image) -> Image.Image:
     reduced.thumbnail(SMALL, Image.Resampling.LANCZOS)
     sheet = Image.new("RGB", SMALL, "white")
     sheet.paste(reduced, ((SMALL[0] - reduced.width) // 2, (SMALL[1] - reduced.height) // 2))
-    return sheet.quantize(128)
+    return sheet
 
 
 def save(picture: Image.Image, path: Path) -> None:

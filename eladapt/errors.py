@@ -39,7 +39,16 @@ class Finding(NamedTuple):
     remedy: str
 
     def __str__(self) -> str:
-        return f"{self.element}: {self.value}: {self.problem}. {self.remedy}"
+        return f"{_shown(self.element)}: {_shown(self.value)}: {self.problem}. {self.remedy}"
+
+
+def _shown(text: str, most: int = 300) -> str:
+    """A text from a file, as far as a message should show it."""
+    return (
+        text
+        if len(text) <= most
+        else f"{text[: most // 2]} ... {text[-most // 2 :]} ({len(text)} characters)"
+    )
 
 
 class UrdfError(EladaptError):

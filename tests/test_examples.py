@@ -17,6 +17,7 @@ LEAVES = {
     "talos_armature": ("talos_armature.png", "talos_armature.html", "talos_armature.npz"),
     "own_urdf": ("own_two_link.png", "own_two_link.html", "own_two_link.npz"),
     "own_law": ("own_law.png", "own_law.html", "own_law.npz"),
+    "hardware_loop": ("hardware_loop.png", "hardware_loop.npz", "hardware_loop_panda_state.npz"),
     "paper": ("paper.md", *(f"paper_case{c}_{k}.png" for c in (1, 2) for k in ("motion", "estimation"))),
 }
 

@@ -14,7 +14,7 @@ from eladapt.control.blocks import ControlBlock, ExtensionBlock, MixingBlock, Re
 from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
-from eladapt.control.hardware import Hardware
+from eladapt.control.hardware import QUIET_XI, Hardware
 from eladapt.control.samples import checked_step, elapsed, require_finite
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
@@ -242,8 +242,9 @@ class CompositeController:
         """The load that came or went with the last change noticed, in ``frame`` (the tool if None).
 
         Weighed by least squares on what was seen before and since. Standard deviations are those of noise
-        in the measured velocity, which the filters leave white; the bias that noise makes where the arm
-        hardly moved is not in them. Raises ArgumentError when the controller has noticed no change.
+        in the measured velocity, which the filters leave white. Where `for_robot` was told of noise, what
+        the arm's motion does not tell above it is not identified: at rest the place of the load along the
+        vertical; a move tells it. Raises ArgumentError when the controller has noticed no change.
         """
         change = state.change
         if change is None or change.noticed == 0:
@@ -254,9 +255,10 @@ class CompositeController:
         before = completed(change.theta_before, change.information_before)
         after = completed(state.theta, state.information)
         samples = rows if rows > len(self.regressors) else None
+        xi = getattr(self.extension, "xi", QUIET_XI)
         return estimate_payload(
             self.regressors, before, after, state.information, change.information_before,
-            samples=samples, frame=frame,
+            samples=samples, floor=1 / xi if xi < QUIET_XI else 0.0, frame=frame,
         )  # fmt: skip
 
     def carried(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:

@@ -57,10 +57,10 @@ def learning(record: Record) -> list[Any]:
     size = record.theta.shape[1]
     numbers = [f"θ{number}" for number in range(1, size + 1)]
     if size:
-        true = "true values" if record.carried is None else "those of the arm without its load"
-        title = "gravity parameters θ" + (f", {true} as thin lines" if record.theta_true is not None else "")
+        true = "true values" if record.carried is None else "those without the load"
+        title = "gravity parameters θ" + (f"; thin: {true}" if record.theta_true is not None else "")
         bounds = bounds_of(record)
-        estimates = chart(title + (", bounds dotted" if bounds is not None else ""), "θ [N m]", x)
+        estimates = chart(title + ("; dotted: bounds" if bounds is not None else ""), "θ [N m]", x)
         lines(estimates, t, record.theta, numbers)
         for index in range(size):
             colour = COLOURS[index % len(COLOURS)]

@@ -68,9 +68,10 @@ def run_loop(
     """Regulate a robot for ``duration`` [s], reading and writing once every ``dt`` [s].
 
     goal: q_d (nq,), or a callable of the time since the start [s], by the robot's clock. state: of an earlier
-    run, to go on with what it had learned, also if the robot's clock was set since; None begins afresh. When a gate latches a fault, its fallback
-    goes on for ``after_fault`` [s]. checkpoint: a file to which the state is saved every ``every`` [s] and at
-    the end, for `load_state`; a write may take a millisecond or two. priority: see `undisturbed`.
+    run, to go on with what it had learned, also if the robot's clock was set since; None begins afresh. When
+    a gate latches a fault, its fallback goes on for ``after_fault`` [s]. checkpoint: a file to which the
+    state is saved every ``every`` [s] and at the end, for `load_state`; a write takes a millisecond or two.
+    priority: see `undisturbed`.
 
     The interface's `stop` is called however the loop ends. Raises LoopError, with record, state and timing so
     far, for whatever the robot, the goal or the controller raises; an interrupt from the keyboard ends the

@@ -38,8 +38,8 @@ class Timing(NamedTuple):
 
         return (
             f"{self.ticks} ticks at {1 / self.period:g} Hz, {self.overruns} overruns "
-            f"({self.overrun_share:.2%}), {self.missed} ticks missed; from measurement to command {row(self.work)} us, "
-            f"late by {row(self.late)} us (50 %, 99 %, 99.9 %, largest)"
+            f"({self.overrun_share:.2%}), {self.missed} ticks missed; from measurement to command "
+            f"{row(self.work)} us, late by {row(self.late)} us (50 %, 99 %, 99.9 %, largest)"
         )
 
 
@@ -47,8 +47,8 @@ class Pacer:
     """Says when the next tick is due, on the monotonic clock.
 
     Each tick: `began` when the measurement is there, `wait` when the command is out. An overrun skips the
-    ticks that it covers, so that nothing is caught up in a burst. A measurement that had to be waited for moves
-    all ticks to come: the robot's clock leads.
+    ticks that it covers, so that nothing is caught up in a burst. A measurement that had to be waited for
+    moves all ticks to come: the robot's clock leads.
     """
 
     def __init__(self, period: float, capacity: int = 1024):

@@ -11,8 +11,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
@@ -22,17 +21,17 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from eladapt.errors import Finding, UrdfError
-from eladapt.robot.urdf_numbers import label_of, number_findings, parse, parts
+from eladapt.robot.urdf_files import file_findings
+from eladapt.robot.urdf_numbers import number_findings, parts
+from eladapt.robot.urdf_tree import MOVING, joints, listed, mimics, names, tree
 
 # Published robots reach 0.2 MB, depth 7 and 129 joints. Pinocchio's reader recurses along a chain and kills
 # the process at the end of the stack: measured between 200 and 250 joints on 512 KiB (a thread's, on some
 # systems), between 3000 and 4000 on 8 MiB.
 MAX_BYTES = 5_000_000
 MAX_DEPTH = 32
+MAX_ELEMENTS = 50_000  # the largest published robot has 2,500; 5 MB of empty ones would take 0.4 GB
 MAX_JOINTS = 200
-
-MOVING = ("revolute", "continuous", "prismatic")
-SHORTEST_AXIS = 1e-6
 
 # Published links lie on the very boundary of the physical (rods without width, point masses): allow rounding.
 INERTIA_TOLERANCE = 1e-9  # of the largest principal moment
@@ -61,15 +60,19 @@ def read_urdf(path: str | Path) -> Element:
     return root
 
 
-def check_urdf(path: str | Path) -> None:
+def check_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> None:
     """Refuse a URDF that is not a fixed-base tree of 1-DoF joints with finite numbers throughout.
 
-    Raises UrdfError with every fault found; each names the element, the value and what to do.
+    Meshes and textures may come from the URDF's own folder and from ``package_dirs``, links resolved. Raises
+    UrdfError with every fault found; each names the element, the value and what to do.
     """
     root = read_urdf(path)
     findings = list(_unexpanded(root))
     if not findings:  # what else such a file holds is not what it will hold
-        findings = [*_names(root), *_joints(root), *_tree(root), *number_findings(root)]
+        findings = [
+            *names(root), *joints(root), *tree(root), *mimics(root), *number_findings(root),
+            *file_findings(root, Path(path), package_dirs),
+        ]  # fmt: skip
     if findings:
         raise UrdfError(path, findings)
 
@@ -115,7 +118,7 @@ def _read_bytes(path: Path) -> bytes:
             problem = problem if path.exists() else "does not exist"
             folder = path if path.is_dir() else path.parent
             near = sorted(file.name for file in folder.glob("*.urdf")) if folder.is_dir() else []
-            remedy = "Give the path of a URDF file" + (f"; {folder} holds {_listed(near)}" if near else "")
+            remedy = "Give the path of a URDF file" + (f"; {folder} holds {listed(near)}" if near else "")
             raise _refusal(path, "file", str(path), problem, remedy)
         with path.open("rb") as file:
             text = file.read(MAX_BYTES + 1)
@@ -129,11 +132,15 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _parse_xml(path: Path, text: bytes) -> Element:
-    depth = 0
+    depth = count = 0
     try:
         events = iterparse(io.BytesIO(text), events=("start", "end"), forbid_dtd=True)
         for event, element in events:
             depth += 1 if event == "start" else -1
+            count += event == "start"
+            if count > MAX_ELEMENTS:
+                problem, remedy = f"expected at most {MAX_ELEMENTS}", "Leave out what the arm does not need"
+                raise _refusal(path, "file", f"more than {MAX_ELEMENTS} elements", problem, remedy)
             if depth > MAX_DEPTH:
                 problem = f"expected at most {MAX_DEPTH} nested elements"
                 raise _refusal(path, f"<{element.tag}>", f"depth {depth}", problem, "Flatten the file")
@@ -161,90 +168,10 @@ def _unexpanded(root: Element) -> Iterator[Finding]:
                 yield Finding(label, f'{key}="{value}"', problem, remedy)
 
 
-def _names(root: Element) -> Iterator[Finding]:
-    if not root.get("name"):
-        yield Finding("<robot>", "no name", "a robot needs a name", 'Write <robot name="...">')
-    for tag in ("link", "joint"):
-        names = Counter(element.get("name", "") for element in root.findall(tag))
-        if not names:
-            yield Finding("<robot>", f"no <{tag}>", "expected links with joints between", f"Add a <{tag}>")
-        for name, times in names.items():
-            if not name:
-                yield Finding(f"<{tag}>", "no name", f"a {tag} needs a name", f'Write <{tag} name="...">')
-            elif times > 1:
-                yield Finding(f'{tag} "{name}"', f"{times} times", "names must differ", "Rename the others")
-
-
-def _joints(root: Element) -> Iterator[Finding]:
-    links = {link.get("name", "") for link in root.findall("link")}
-    for joint in root.findall("joint"):
-        label, kind = label_of(joint), joint.get("type", "")
-        if kind not in (*MOVING, "fixed"):
-            problem = f"expected {', '.join(MOVING)} or fixed"
-            remedy = "Fix the joint, or split it into these; the base is fixed to the world"
-            yield Finding(label, f'type="{kind}"', problem, remedy)
-        for end in ("parent", "child"):
-            if (name := _value(joint, end, "link", "")) not in links:
-                problem, remedy = "no link has this name", f"Name one of {_listed(sorted(links))}"
-                yield Finding(f"{label} <{end}>", f'link="{name}"', problem, remedy)
-        axis = parse(text := _value(joint, "axis", "xyz", "1 0 0"), 3)
-        if kind in MOVING and axis and math.hypot(*axis) < SHORTEST_AXIS:
-            yield Finding(
-                f"{label} <axis>", f'xyz="{text}"', "it has no direction", 'Give one, such as "0 0 1"'
-            )
-        if kind in ("revolute", "prismatic"):
-            yield from _range(joint, f"{label} <limit>")
-
-
-def _range(joint: Element, label: str) -> Iterator[Finding]:
-    lower, upper = _value(joint, "limit", "lower", "0"), _value(joint, "limit", "upper", "0")
-    low, high = parse(lower), parse(upper)
-    if joint.find("limit") is None:
-        remedy = "Add one; an effort, a velocity or a range of 0 means that it is not set"
-        yield Finding(label, "missing", f"a {joint.get('type')} joint needs it", remedy)
-    elif low and high and low[0] > high[0]:
-        value = f'lower="{lower}" upper="{upper}"'
-        yield Finding(label, value, "lower exceeds upper", "Swap them, or mend one")
-
-
-def _tree(root: Element) -> Iterator[Finding]:
-    links = list(dict.fromkeys(name for link in root.findall("link") if (name := link.get("name"))))
-    parents: dict[str, str] = {}
-    joints: dict[str, list[str]] = {}
-    for joint in root.findall("joint"):
-        child = _value(joint, "child", "link", "")
-        parents.setdefault(child, _value(joint, "parent", "link", ""))
-        joints.setdefault(child, []).append(joint.get("name", ""))
-    for child, names in joints.items():
-        if len(names) > 1:
-            value, remedy = f"child of joints {_listed(names)}", "Keep one of these joints, to leave a tree"
-            yield Finding(f'link "{child}"', value, "a link with two parents closes a loop", remedy)
-    bases = [link for link in links if link not in parents]
-    misspelt = not {*parents, *parents.values()} <= set(links)  # leaves a link alone; it is reported as such
-    if len(bases) > 1 and not misspelt:
-        problem, remedy = (
-            "expected one link without a parent",
-            "Join the others to it, if only by fixed joints",
-        )
-        yield Finding("<robot>", f"base links {_listed(bases)}", problem, remedy)
-    settled: set[str] = set()
-    for link in parents:
-        trail: list[str] = []
-        while link in parents and link not in settled:
-            settled.add(link)
-            trail.append(link)
-            link = parents[link]
-        if link in trail:
-            value = f"links {_listed(trail[trail.index(link) :])}"
-            yield Finding(
-                "<robot>", value, "each is below the next, in a cycle", "Remove a joint between them"
-            )
-
-
 def _body(model: pin.Model, joint: int) -> Iterator[Finding]:
     inertia, armature = model.inertias[joint], model.armature[model.idx_vs[joint]]
     links = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
-    label = f'link{"s" * (len(links) > 1)} {_listed(links)} on joint "{model.names[joint]}"'
+    label = f'link{"s" * (len(links) > 1)} {listed(links)} on joint "{model.names[joint]}"'
     if not 0 <= armature < math.inf:
         remedy = "Give the rotor's inertia times the squared gear ratio"
         yield Finding(label, f"armature {armature:g} kg m^2", "expected a finite value of at least 0", remedy)
@@ -280,18 +207,7 @@ def _mass_matrix(model: pin.Model) -> Iterator[Finding]:
         if values[0] < smallest:
             smallest, motion = values[0], np.abs(vectors[:, 0])
     if smallest < SINGULAR:
-        moved = _listed([name for name, part in zip(names, motion, strict=True) if part > 0.1])
+        moved = listed([name for name, part in zip(names, motion, strict=True) if part > 0.1])
         value = f"smallest eigenvalue of the scaled mass matrix {smallest:.2g}"
         problem, remedy = "they can move together and move no inertia", "Give the links between them inertia"
         yield Finding(f"joints {moved}", value, problem, remedy)
-
-
-def _value(joint: Element, tag: str, key: str, default: str) -> str:
-    child = joint.find(tag)
-    return default if child is None else child.get(key, default)
-
-
-def _listed(names: Iterable[str], most: int = 8) -> str:
-    names = list(names)
-    rest = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(f'"{name}"' for name in names[:most]) + rest

@@ -85,7 +85,7 @@ class Robot:
         UnknownNameError for a joint or frame that does not exist.
         """
         path = Path(path)
-        check_urdf(path)
+        check_urdf(path, package_dirs)
         full = read_model(path)
         locked_names = matching_joints(full, locked)
         check_mimics(path, locked_names)

@@ -15,26 +15,35 @@ DECIMAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 class Number(NamedTuple):
-    """A numeric attribute: how many numbers it holds, whether it may be missing, and its least value."""
+    """A numeric attribute: how many numbers it holds, whether it may be missing, and its bounds.
+
+    Beyond size_limit it is no robot's, and squares and products overflow without a word.
+    """
 
     attribute: str
     size: int = 1
     required: bool = False
     least: float = -math.inf
+    size_limit: float = math.inf
 
 
 NUMBERS = {
-    "origin": (Number("xyz", 3), Number("rpy", 3)),
-    "mass": (Number("value", required=True, least=0.0),),
-    "inertia": tuple(Number(key, required=True) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
-    "axis": (Number("xyz", 3, required=True),),
+    "origin": (Number("xyz", 3, size_limit=1e4), Number("rpy", 3, size_limit=1e4)),
+    "mass": (Number("value", required=True, least=0.0, size_limit=1e6),),
+    "inertia": tuple(
+        Number(key, required=True, size_limit=1e9) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    ),
+    "axis": (Number("xyz", 3, required=True, size_limit=1e6),),
     "limit": (
         Number("lower"),
         Number("upper"),
         Number("effort", required=True, least=0.0),
         Number("velocity", required=True, least=0.0),
     ),
-    "dynamics": (Number("damping", least=0.0), Number("friction", least=0.0)),
+    "dynamics": (
+        Number("damping", least=0.0, size_limit=1e9),
+        Number("friction", least=0.0, size_limit=1e9),
+    ),
     "mimic": (Number("multiplier"), Number("offset")),
     "box": (Number("size", 3),),
     "cylinder": (Number("radius"), Number("length")),
@@ -106,3 +115,5 @@ def _attribute(label: str, text: str | None, number: Number) -> Iterator[Finding
         yield Finding(label, value, f"expected {expected}", remedy)
     elif min(values) < number.least:
         yield Finding(label, value, f"expected at least {number.least:g}", "Check its sign and unit")
+    elif max(map(abs, values)) > number.size_limit:
+        yield Finding(label, value, f"expected at most {number.size_limit:g} in size", "Check its unit")

@@ -19,7 +19,8 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 import eladapt as ea
-from eladapt.display.live import FRAMES_PER_SECOND
+from eladapt.display.live import FRAMES_PER_SECOND, HEAD
+from eladapt.display.live_server import Stage
 from eladapt.display.page import POLICY
 from eladapt.errors import ArgumentError
 
@@ -145,6 +146,7 @@ def test_a_posture_that_is_not_finite_is_not_drawn(live, robot):
 
 
 def test_a_posture_of_another_shape_is_refused(live):
+    live._next = 0.0
     with pytest.raises(ArgumentError, match=r"expected shape \(2,\)"):
         live.show(0.0, np.zeros(3))
 
@@ -220,3 +222,33 @@ os.kill(os.getpid(), signal.SIGKILL)"""
             return
         time.sleep(0.1)
     raise AssertionError("the server is still there")
+
+
+def test_who_was_too_slow_for_a_frame_gets_the_last_one(robot):
+    """The set-point moves once, while a browser is still busy: it is told afterwards."""
+    stage = Stage(robot)
+    home, goal = robot.configuration(robot.home), robot.configuration([1.0, -1.0])
+    moved = stage.step(np.array([0.0] * HEAD + [*home, *goal]))
+    again = stage.step(np.array([0.1] + [0.0] * (HEAD - 1) + [*home, *goal]))
+    ghost = {"/meshcat/set-point/1", "/meshcat/set-point/2"}
+    paths = [{umsgpack.unpackb(c)["path"] for c in commands} for commands in (moved, again, stage.whole())]
+    assert ghost <= paths[0]
+    assert not ghost & paths[1], "it stays"
+    assert ghost <= paths[2]
+
+
+def test_a_mesh_from_elsewhere_is_refused_by_name(tmp_path):
+    """As in a recording: the server's own process says so to the one that asked."""
+    (tmp_path / "robot").mkdir()
+    secret = tmp_path / "secret.stl"
+    secret.write_text("solid one\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+                      "endloop\nendfacet\nendsolid one\n")  # fmt: skip
+    (tmp_path / "robot" / "arm.urdf").write_text(
+        f"""<robot name="arm"><link name="base"/><link name="link"><inertial><mass value="1"/>
+        <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+        <visual><geometry><mesh filename="{secret}"/></geometry></visual></link>
+        <joint name="hinge" type="revolute"><parent link="base"/><child link="link"/>
+        <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="20" velocity="3"/></joint></robot>"""
+    )
+    with pytest.raises(ArgumentError, match="lies outside the folders"):
+        ea.view(ea.Robot.from_urdf(tmp_path / "robot" / "arm.urdf"), live=True)

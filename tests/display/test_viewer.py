@@ -247,17 +247,23 @@ def test_a_run_that_diverged_is_shown_as_far_as_it_went(page_of, record_of):
         page_of("two_link", q=np.full_like(q, np.nan))
 
 
-@pytest.mark.parametrize("linked", [False, True])
-def test_a_mesh_from_elsewhere_is_refused_by_name(record_of, tmp_path, linked):
+def test_a_mesh_from_elsewhere_is_refused_by_name(tmp_path):
+    """A robot that names one is not made."""
     secret = tmp_path / "elsewhere" / "secret.stl"
     secret.parent.mkdir()
     secret.write_text(TRIANGLE)
-    folder, mesh = tmp_path / "robot", secret
-    if linked:
-        folder.mkdir()
-        mesh = folder / "link.stl"
-        mesh.symlink_to(secret)
-    record = record_of(arm(folder, MESH.format(mesh)))
+    with pytest.raises(ea.EladaptError, match=re.escape(str(secret))):
+        arm(tmp_path / "robot", MESH.format(secret))
+
+
+def test_a_mesh_that_was_exchanged_for_a_link_is_not_drawn(record_of, tmp_path):
+    """Where a mesh lies is looked at again when it is drawn: it may have changed since the robot was made."""
+    secret = tmp_path / "elsewhere" / "secret.stl"
+    secret.parent.mkdir()
+    secret.write_text(TRIANGLE)
+    mesh = tmp_path / "robot" / "link.stl"
+    record = record_of(arm(tmp_path / "robot", MESH.format(mesh)))
+    mesh.symlink_to(secret)
     (tmp_path / "run.html").write_text("as before")
     with pytest.raises(ea.EladaptError, match=re.escape(str(secret))):
         ea.view(record, html=tmp_path / "run.html")

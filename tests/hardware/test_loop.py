@@ -1,0 +1,277 @@
+"""The loop reads, steps and writes at its rate, keeps all that happened, and always stops the robot."""
+
+import dataclasses
+import gc
+import multiprocessing
+import time
+
+import numpy as np
+import pytest
+from shared import load
+
+import eladapt as ea
+from eladapt.errors import ArgumentError, HardwareError, LoopError, StateError
+from eladapt.hardware.timing import Pacer, undisturbed
+from eladapt.hardware.udp import STATE, TORQUE, Packet, serve
+
+DT = 5e-3  # slow enough for a busy machine
+
+
+class Simulated:
+    """A plant behind the four methods; every call is noted, and one of them can be made to fail."""
+
+    def __init__(self, plant, fails="", at=0, dt=DT):
+        self.plant, self.fails, self.at, self.dt = plant, fails, at, dt
+        self.calls, self.measurement = [], None
+
+    def _note(self, name):
+        self.calls.append(name)
+        if name == self.fails and self.calls.count(name) > self.at:
+            raise OSError(f"{name} failed")
+
+    def start(self):
+        self.measurement = self.plant.reset()
+        self._note("start")
+
+    def read(self):
+        self._note("read")
+        return self.measurement
+
+    def write(self, tau):
+        self._note("write")
+        self.measurement = self.plant.step(tau, self.dt)
+
+    def stop(self):
+        self._note("stop")
+
+
+def made(name="two_link", **limits):
+    robot = load(name)
+    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT, **limits)
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    return robot, controller, plant, robot.configuration(robot.target)
+
+
+def test_the_loop_regulates_at_its_rate_and_stops_the_robot():
+    """Two seconds of the two-link arm: as many calls as ticks, the set-point reached, the rate kept."""
+    robot, controller, plant, goal = made()
+    interface = Simulated(plant)
+    began = time.monotonic()
+    result = ea.run_loop(controller, interface, goal, 2.0, DT)
+    took = time.monotonic() - began
+    assert result.ended == "duration"
+    assert result.fault is None
+    ticks = result.timing.ticks
+    assert interface.calls[:2] == ["start", "read"]
+    assert interface.calls[2:-1] == ["read", "write"] * ticks
+    assert interface.calls[-1] == "stop"
+    assert len(result.record) == ticks
+    assert ticks + result.timing.missed == pytest.approx(400, abs=1)
+    assert took > 1.9, "the loop did not wait"
+    assert np.abs(result.record.error[-1]).max() < 2e-3
+    assert result.record.title == robot.name
+
+
+@pytest.mark.parametrize(("fails", "at"), [("read", 31), ("write", 30)])
+def test_a_robot_that_fails_leaves_the_record_and_is_stopped(fails, at):
+    """The 31st exchange fails: 30 samples are kept, the state too, and stop was called once, last."""
+    _, controller, plant, goal = made()
+    interface = Simulated(plant, fails, at)
+    with pytest.raises(LoopError, match=rf"after 30 of 200 steps: OSError: {fails} failed") as caught:
+        ea.run_loop(controller, interface, goal, 1.0, DT)
+    assert interface.calls.count("stop") == 1
+    assert interface.calls[-1] == "stop"
+    assert len(caught.value.record) == 30
+    assert np.isfinite(caught.value.record.tau).all()
+    # a command that failed belongs to a step that was made
+    ahead = {"read": 0, "write": DT}[fails]
+    assert caught.value.state.measurement.t == pytest.approx(caught.value.record.t[-1] + ahead)
+    assert caught.value.timing.ticks == 30
+    assert isinstance(caught.value.__cause__, OSError)
+
+
+def test_a_robot_that_does_not_start_is_stopped_too():
+    _, controller, plant, goal = made()
+    interface = Simulated(plant, "start")
+    with pytest.raises(LoopError, match="start failed") as caught:
+        ea.run_loop(controller, interface, goal, 1.0, DT)
+    assert interface.calls == ["start", "stop"]
+    assert caught.value.record is None
+
+
+def test_a_robot_that_does_not_stop_is_said_so():
+    """The run is in the error."""
+    _, controller, plant, goal = made()
+    with pytest.raises(LoopError, match="stop failed") as caught:
+        ea.run_loop(controller, Simulated(plant, "stop"), goal, 0.1, DT)
+    assert len(caught.value.record) == 20
+
+
+def test_the_keyboard_ends_the_loop_in_order():
+    """An interrupt stops the robot and returns what there is."""
+    _, controller, plant, goal = made()
+
+    class Interrupted(Simulated):
+        def read(self):
+            if self.calls.count("read") == 21:
+                raise KeyboardInterrupt
+            return super().read()
+
+    interface = Interrupted(plant)
+    result = ea.run_loop(controller, interface, goal, 5.0, DT)
+    assert result.ended == "interrupted"
+    assert len(result.record) == 20
+    assert interface.calls[-1] == "stop"
+
+
+def test_a_fault_is_held_for_a_while_and_ends_the_loop():
+    """Sensors that fail for good: every sample up to the fault and after is kept, bad ones as nan."""
+    _, controller, plant, goal = made()
+
+    class Blind(Simulated):
+        def read(self):
+            m = super().read()
+            return m._replace(q=m.q * np.nan) if m.t > 0.2 + DT / 2 else m
+
+    result = ea.run_loop(controller, Blind(plant), goal, 5.0, DT, after_fault=0.1)
+    assert result.ended == "fault"
+    assert result.fault.name == "measurement"
+    t, late = result.record.t, result.record.t > 0.2 + DT / 2
+    assert np.allclose(np.diff(t), DT)
+    assert np.isfinite(result.record.q[~late]).all()
+    assert np.isnan(result.record.q[late]).all()
+    assert np.isnan(result.record.error[late]).all()
+    assert np.isfinite(result.record.tau).all()
+    assert t[-1] == pytest.approx(result.fault.t + 0.1, abs=2 * DT)
+
+
+def test_a_checkpoint_carries_what_was_learned_to_the_next_run(tmp_path):
+    """The next run, on a robot whose clock begins again, has the estimate and the information of the last."""
+    _, controller, plant, goal = made()
+    path = tmp_path / "state.npz"
+    first = ea.run_loop(controller, Simulated(plant), goal, 1.0, DT, checkpoint=path, every=0.25)
+    state = ea.load_state(path, controller)
+    assert np.array_equal(state.theta, first.state.theta)
+    second = ea.run_loop(controller, Simulated(plant), goal, 1.0, DT, state=state)
+    assert second.fault is None
+    true = second.record.theta_true
+    # the first run moved both joints, so that gravity is known to a percent from the first sample on
+    assert np.abs(second.record.theta[0] - true).max() < 0.01 * np.abs(true).max()
+    assert np.abs(second.record.theta[-1] - true).max() < 0.01 * np.abs(true).max()
+    assert np.abs(second.record.error[-1]).max() < 2e-3
+    with pytest.raises(StateError):
+        ea.load_state(path, dataclasses.replace(controller, gate=made(max_age=0.5)[1].gate))
+
+
+def test_a_state_with_a_fault_is_refused_until_reset():
+    _, controller, plant, goal = made()
+    state = controller.init(plant.reset())
+    state, _ = controller.step(state, plant.reset(), goal * np.nan, DT)
+    with pytest.raises(ArgumentError, match=r"holds the fault goal at .* clear it"):
+        ea.run_loop(controller, Simulated(plant), goal, 0.1, DT, state=state)
+    result = ea.run_loop(controller, Simulated(plant), goal, 0.1, DT, state=controller.reset(state))
+    assert result.fault is None
+
+
+def test_garbage_collection_is_as_before():
+    assert gc.isenabled()
+    with undisturbed():
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    with pytest.raises(HardwareError, match="priority: 1000 was refused"), undisturbed(priority=1000):
+        pass
+
+
+def test_the_pacer_counts_what_is_late_and_does_not_catch_up():
+    """A tick of 3.5 periods is one overrun and two or more ticks missed; the next is not hurried."""
+    pacer = Pacer(0.02)
+    pacer.restart()
+    for k in range(6):
+        pacer.began(0.0)
+        if k == 2:
+            time.sleep(0.07)
+        pacer.wait()
+    timing = pacer.timing()
+    assert timing.ticks == 6
+    assert timing.overruns >= 1
+    assert timing.missed >= 2
+    assert timing.work[3] >= 0.07
+    assert "1 overruns (16.67%)" in str(timing) or timing.overruns > 1
+
+
+def arm(name, pipe):
+    """A robot in another process."""
+    robot = load(name)
+    pipe.send(
+        serve(ea.PinocchioPlant(robot, robot.configuration(robot.home)), DT, ready=pipe.send, patience=60)
+    )
+
+
+@pytest.fixture
+def served():
+    """A two-link robot behind a socket: its port, and its report when it has ended."""
+    here, there = multiprocessing.Pipe()
+    process = multiprocessing.get_context("spawn").Process(target=arm, args=("two_link", there))
+    process.start()
+    there.close()
+    assert here.poll(60)
+    yield here.recv(), here
+    process.join(10)
+    assert not process.is_alive()
+
+
+def test_a_robot_in_another_process_is_regulated_over_udp(served):
+    """The set-point within 2e-3 rad, torques taken, nothing refused, an end in order."""
+    port, report = served
+    robot, controller, _, goal = made(max_age=0.2)
+    interface = ea.UdpRobot(robot, port, dt=DT)
+    result = ea.run_loop(controller, interface, goal, 3.0, DT)
+    end = report.recv()
+    assert end.ended == "stop"
+    assert end.refused == 0
+    assert end.commands > 0.5 * result.timing.ticks
+    assert result.fault is None
+    assert np.abs(result.record.error[-1]).max() < 2e-3
+
+
+def test_what_is_no_packet_is_ignored(served):
+    """Noise on the port, another sender and a torque that is nan change nothing; silence ends the robot."""
+    import socket
+
+    port, report = served
+    robot = load("two_link")
+    interface = ea.UdpRobot(robot, port, dt=DT)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.connect(("127.0.0.1", port))
+        stranger.send(b"hello")
+        stranger.send(b"ELA1torq" + b"\0" * 7)
+        interface.start()
+        stranger.send(Packet(TORQUE, 1, np.full(2, 9.0)).pack())
+        interface.write(np.array([np.nan, 0.0]))
+        time.sleep(0.1)
+        assert interface.read().t == 0.0, "the brakes hold until a torque is taken"
+    assert report.poll(10)
+    end = report.recv()
+    assert end.ended == "silence"
+    assert end.commands == 0
+    assert end.refused == 4
+
+
+def test_nobody_answers_is_said():
+    interface = ea.UdpRobot(load("two_link"), 9, dt=DT)
+    with pytest.raises(HardwareError, match=r"no robot answers at 127\.0\.0\.1:9"):
+        interface.start(timeout=0.2)
+    interface.stop()
+    with pytest.raises(HardwareError, match="start the robot first"):
+        interface.read()
+
+
+def test_packets_come_back_as_they_were():
+    packet = Packet(STATE, 2**40, np.array([np.pi, -0.0, 1e300]))
+    back = Packet.unpack(packet.pack(), {STATE: 3})
+    assert back.kind == STATE
+    assert back.number == 2**40
+    assert np.array_equal(back.values, packet.values)
+    for data in (b"", packet.pack()[:-1], packet.pack() + b"\0", b"x" + packet.pack()[1:]):
+        assert Packet.unpack(data, {STATE: 3}) is None
+    assert Packet.unpack(packet.pack(), {TORQUE: 3}) is None

@@ -1,0 +1,270 @@
+"""Hostile and broken files: each is refused with its cause, within 2 s and 500 MB; no process dies of one.
+
+Every file is read in a process of its own, forked from one that has imported eladapt, so that a crash, a hang
+or a bloated heap shows in that process alone.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from test_checks import ARM, BODIES, CHAIN, ELBOW, MUTATIONS, NOT_ROBOTS
+
+import eladapt as ea
+
+SECONDS, MEGABYTES = 2.0, 500.0
+ROD = '<cylinder radius="0.03" length="0.4"/>'
+MOUNT = '<parent link="fore"/> <child link="tool"/> <axis xyz="0 0 0"/>'
+
+
+class Hostile(NamedTuple):
+    """What is written, and a part of what must be said."""
+
+    content: str | bytes
+    said: str
+
+
+def changed(*pairs: tuple[str, str]) -> str:
+    text = ARM
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text
+
+
+def meshed(filename: str) -> str:
+    return changed((ROD, f'<mesh filename="{filename}"/>'))
+
+
+def chain(links: int, loop: bool = False) -> str:
+    joints = "".join(CHAIN.format(k, k + 1) for k in range(links))
+    back = '<joint name="back" type="fixed"><parent link="l5"/><child link="l0"/></joint>' if loop else ""
+    return f'<robot name="r"><link name="l0"/>{joints}{back}</robot>'
+
+
+LAUGHS = "".join(f'<!ENTITY l{k} "{f"&l{k - 1};" * 10}">' for k in range(1, 10))
+MIMIC = '<mimic joint="{}"/></joint>'
+BOMBS = {
+    "billion laughs": (
+        f'<!DOCTYPE r [<!ENTITY l0 "ha">{LAUGHS}]>' + ARM.replace('"arm"', '"&l9;"'), "document types"
+    ),
+    "quadratic blow-up": (
+        f'<!DOCTYPE r [<!ENTITY a "{"a" * 50_000}">]><robot name="{"&a;" * 50_000}"/>', "document types"
+    ),
+    "entity from a file": (
+        '<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]><robot name="&f;"/>', "document types"
+    ),
+    "parameter entity": (
+        '<!DOCTYPE r [<!ENTITY % p SYSTEM "http://127.0.0.1:9/x"> %p;]><robot name="r"/>', "document types",
+    ),
+    "100,000 elements deep": ("<robot>" + "<link>" * 100_000, "depth 33"),
+    "a million empty elements": ('<robot name="r">' + "<a/>" * 1_000_000 + "</robot>", "50000 elements"),
+    "a name of 4 MB": (changed(('mass value="2"', f'mass value="{"9" * 4_000_000}"')), "finite number"),
+    "a comment of 6 MB": (f"<!--{'x' * 6_000_000}-->" + ARM, "bytes"),
+    "5,000 joints in a chain": (chain(5_000), "5000 joints"),
+    "20,000 joints in a chain": (chain(20_000), "50000 elements"),
+    "200 joints and a circle": (chain(199, loop=True), "in a cycle"),
+    "10,000 links without joints": (
+        '<robot name="r">' + "".join(f'<link name="a{k}"/>' for k in range(10_000)) + "</robot>",
+        "10000 links",
+    ),
+    "30,000 attributes": (
+        '<robot name="r"><link name="a" ' + " ".join(f'b{k}=""' for k in range(30_000)) + "/></robot>",
+        "no <joint>",
+    ),
+}  # fmt: skip
+BYTES = {
+    "gzip": (gzip.compress(ARM.encode()), "expected XML"),
+    "not UTF-8": (ARM.replace('"arm"', '"\xe4rm"').encode("latin-1"), "expected XML"),
+    "an unknown encoding": (b'<?xml version="1.0" encoding="klingon"?>' + ARM.encode(), "expected XML"),
+    "a zero byte": (ARM.replace('"arm"', '"a\0m"'), "expected XML"),
+    "two roots": (ARM + ARM, "expected XML"),
+    "an attribute twice": (changed(('value="2"', 'value="2" value="3"')), "duplicate attribute"),
+    "random": (bytes((k * 167 + 13) % 256 for k in range(4096)), "expected XML"),
+    "COLLADA": ("<COLLADA/>", "<COLLADA>"),
+    "MJCF": ('<mujoco model="m"><worldbody/></mujoco>', "<mujoco>"),
+    "HTML": ("<html><body>404 Not Found</body></html>", "<html>"),
+    "robot inside a robot": (f'<robot name="a">{ARM}</robot>', "no <link>"),
+}
+FILES = {
+    "mesh above the folder": (meshed("../../../../../../etc/passwd"), "lies outside"),
+    "mesh at an absolute path": (meshed("/etc/passwd"), "lies outside"),
+    "mesh by file://": (meshed("file:///etc/passwd"), "lies outside"),
+    "mesh above a package": (meshed("package://arm/../../../../../etc/passwd"), "lies outside"),
+    "mesh escaped": (meshed("%2e%2e/%2e%2e/%2e%2e/%2e%2e/etc/passwd"), "lies outside"),
+    "mesh from the network": (meshed("http://127.0.0.1:9/arm.stl"), "http:// is not read"),
+    "mesh behind a link": (meshed("link/passwd"), "lies outside"),
+    "mesh of a device": (meshed("/dev/zero"), "lies outside"),
+    "mesh without a name": (meshed(""), "names no file"),
+    "texture above the folder": (
+        changed(
+            (
+                "</geometry></visual>",
+                '</geometry><material name="m"><texture filename="../../x"/></material></visual>',
+            )
+        ),
+        "lies outside",
+    ),
+}
+MIMICS = {
+    "mimics itself": (changed((ELBOW, ELBOW + '<mimic joint="elbow"/>')), "in a circle"),
+    "mimics nobody": (changed((ELBOW, ELBOW + '<mimic joint="elbw"/>')), "no joint has this name"),
+    "mimics in a circle": (
+        changed((ELBOW, ELBOW + '<mimic joint="mount"/>'), (MOUNT, MOUNT + '<mimic joint="elbow"/>')),
+        "in a circle",
+    ),
+    "mimics without a lock": (changed((ELBOW, ELBOW + '<mimic joint="shoulder"/>')), "no torque of its own"),
+}
+SIZES = {
+    "mass of a planet": (changed(('mass value="2"', 'mass value="6e24"')), "at most 1e+06 in size"),
+    "arm to the moon": (changed(('xyz="0 0 1"', 'xyz="0 0 4e8"')), "at most 10000 in size"),
+    "inertia that overflows": (
+        changed(('ixx="0.03"', 'ixx="1e200"'), ('iyy="0.04"', 'iyy="1e200"')), "at most 1e+09 in size"
+    ),
+    "axis that overflows": (changed(('xyz="1 0 0"', 'xyz="1e300 0 0"')), "at most 1e+06 in size"),
+    "angle without end": (changed(('rpy="0 0 0"', 'rpy="0 0 1e308"')), "at most 10000 in size"),
+    "damping that overflows": (changed(('damping="0.5"', 'damping="1e300"')), "at most 1e+09 in size"),
+}  # fmt: skip
+SPECIAL = {  # made by `lay_out`
+    "a folder": (None, "is a folder"),
+    "a pipe": (None, "is not a file"),
+    "an endless device": (None, "is not a file"),
+    "a link to nothing": (None, "does not exist"),
+    "links in a circle": (None, "does not exist"),
+}
+
+
+def cases() -> dict[str, Hostile]:
+    groups = {**BOMBS, **BYTES, **FILES, **MIMICS, **SIZES, **NOT_ROBOTS}
+    found = {name: Hostile(*pair) for name, pair in groups.items()}
+    for name, (old, new, _, value) in {**MUTATIONS, **BODIES}.items():
+        found[name] = Hostile(ARM.replace(old, new), value)
+    return {**found, **{name: Hostile("", said) for name, (_, said) in SPECIAL.items()}}
+
+
+CASES = cases()
+
+DRIVER = """
+import base64, json, os, resource, signal, sys, time
+import eladapt as ea
+from eladapt.errors import UrdfError
+for name in json.load(sys.stdin):
+    back, out = os.pipe()
+    sys.stdout.flush()
+    child = os.fork()
+    if child == 0:
+        resource.setrlimit(resource.RLIMIT_CPU, (10, 10))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        signal.alarm(30)
+        began = time.process_time()
+        try:
+            ea.Robot.from_urdf(os.path.join(sys.argv[1], name, "robot.urdf"))
+            said = "accepted"
+        except UrdfError as error:
+            said = "refused: " + str(error)
+        except BaseException as error:
+            said = f"{type(error).__name__}: {error}"
+        with os.fdopen(out, "w") as file:
+            json.dump({"said": said[:20000], "seconds": time.process_time() - began}, file)
+        os._exit(0)
+    os.close(out)
+    with os.fdopen(back) as file:
+        text = file.read()
+    _, status, usage = os.wait4(child, 0)
+    result = {"name": name, "signal": os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0,
+              "megabytes": usage.ru_maxrss / (1e3 if sys.platform == "linux" else 1e6)}
+    print(json.dumps({**result, **(json.loads(text) if text else {"said": "died", "seconds": 0.0})}))
+"""
+
+
+def folder_of(name: str) -> str:
+    return base64.urlsafe_b64encode(name.encode()).decode()
+
+
+def lay_out(top: Path) -> None:
+    for name, case in CASES.items():
+        folder = top / folder_of(name)
+        folder.mkdir()
+        path = folder / "robot.urdf"
+        if name == "a folder":
+            path.mkdir()
+        elif name == "a pipe":
+            os.mkfifo(path)
+        elif name == "an endless device":
+            path.symlink_to("/dev/zero")
+        elif name == "a link to nothing":
+            path.symlink_to("nothing")
+        elif name == "links in a circle":
+            path.symlink_to("robot.urdf")
+        else:
+            content = case.content
+            path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        if name == "mesh behind a link":
+            (folder / "link").symlink_to("/etc")
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory):
+    top = tmp_path_factory.mktemp("hostile")
+    lay_out(top)
+    names = json.dumps([folder_of(name) for name in CASES])
+    command = [sys.executable, "-c", DRIVER, str(top)]
+    done = subprocess.run(command, input=names, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return {result["name"]: result for result in map(json.loads, done.stdout.splitlines())}
+
+
+def test_there_are_enough():
+    assert len(CASES) >= 60
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_hostile_file_is_refused_with_its_cause(outcomes, name):
+    """Refused by name, in time and in space; the process that read it ends as it should."""
+    result = outcomes[folder_of(name)]
+    assert result["signal"] == 0, f"killed by signal {result['signal']}"
+    assert result["said"].startswith("refused: "), result["said"][:300]
+    assert "robot.urdf" in result["said"]
+    assert CASES[name].said in result["said"]
+    assert result["seconds"] < SECONDS  # of the processor: the clock of a busy machine says nothing
+    assert result["megabytes"] < MEGABYTES  # of the whole process, with numpy and pinocchio
+
+
+INSIDE = ("part.stl", "./meshes/part.stl", "meshes/../part.stl", "package://arm/part.stl", "no_such_file.stl")
+
+
+@pytest.mark.parametrize("filename", INSIDE)
+def test_files_inside_the_folders_pass(tmp_path, filename):
+    """A mesh below the URDF's folder is no fault, there or not: dynamics do not need it."""
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "part.stl").write_text("solid part\nendsolid part\n")
+    (tmp_path / "robot.urdf").write_text(meshed(filename))
+    robot = ea.Robot.from_urdf(tmp_path / "robot.urdf")
+    assert robot.gravity(robot.configuration(robot.home)).shape == (2,)
+
+
+def test_a_package_folder_may_be_anywhere_but_not_left(tmp_path):
+    """package_dirs open their own folders, through a link too, and nothing above them."""
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "packages" / "arm").mkdir(parents=True)
+    (tmp_path / "packages" / "arm" / "part.stl").write_text("solid part\nendsolid part\n")
+    (tmp_path / "linked").symlink_to(tmp_path / "packages")
+    urdf = tmp_path / "urdf" / "robot.urdf"
+    for folder in ("packages", "linked"):
+        urdf.write_text(meshed("package://arm/part.stl"))
+        ea.Robot.from_urdf(urdf, package_dirs=[tmp_path / folder])
+        urdf.write_text(meshed("package://arm/../../secret.stl"))
+        with pytest.raises(ea.EladaptError, match="lies outside the folders"):
+            ea.Robot.from_urdf(urdf, package_dirs=[tmp_path / folder])
+    urdf.write_text(meshed("../packages/arm/part.stl"))
+    with pytest.raises(ea.EladaptError, match="lies outside the folders"):
+        ea.Robot.from_urdf(urdf)
+    ea.Robot.from_urdf(urdf, package_dirs=[tmp_path / "packages"])
