@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import psutil
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -23,7 +23,7 @@ DT = 1e-3
 INTERVALS = 10
 ALLOWED = 1.0  # [MB] over the second half: what allocators give and take
 HEAD = ["steps", "resident [MB]", "steps/s"]
-CHANGE, LOADED = 1000, 20_000  # steps between set-points, and between attaching and releasing the load
+CHANGE, LOADED = 1000, 5000  # steps between set-points, and between attaching and releasing the load
 
 
 class Sample(NamedTuple):
@@ -36,7 +36,7 @@ class Sample(NamedTuple):
 
 def loop(robot: ea.Robot, steps: int, every: int) -> Iterator[int]:
     """Step the closed loop, and yield the number of steps done after every interval."""
-    controller = ea.CompositeController.for_robot(robot, DT, velocity_noise=1e-3)
+    controller = ea.CompositeController.for_robot(robot, DT, velocity_noise=1e-3, compiled=COMPILED)
     noise = ea.Noise(1e-5, 1e-3)
     start = robot.configuration(robot.home)
     plants = [ea.PinocchioPlant(robot, start, noise=noise, payload=load) for load in (None, 1.0)]
