@@ -11,7 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -58,7 +58,7 @@ def run(job: tuple[str, int]) -> Run:
     name, seed = job
     robot, rng = ea.Robot.load(name), np.random.default_rng(seed)
     start, goal = reachable(robot, rng), reachable(robot, rng)
-    controller = ea.CompositeController.for_robot(robot, DT)
+    controller = ea.CompositeController.for_robot(robot, DT, compiled=COMPILED)
     plant = ea.PinocchioPlant(robot, start)
     try:
         record = ea.simulate(controller, plant, goal, DURATION, DT, progress=False)
@@ -87,7 +87,11 @@ def main() -> None:
     options = parser.parse_args()
     jobs = [(name, seed) for name in options.robots for seed in range(options.runs)]
     with ProcessPoolExecutor(options.jobs) as pool:
-        runs = list(tqdm(pool.map(run, jobs), total=len(jobs), unit="run"))
+        runs = []
+        for result in tqdm(pool.map(run, jobs), total=len(jobs), unit="run"):
+            runs.append(result)
+            if not result.good:
+                tqdm.write(str(result))
     head = [
         "robot", "good", "median settling [s]", "worst settling [s]", "worst steady error [rad]",
         "worst gravity error / bound", "largest effort / limit", "failures (set-point seeds)",

@@ -25,6 +25,7 @@ import eladapt as ea
 from eladapt.control.saved import StateWriter
 from eladapt.errors import SimulationError
 from eladapt.simulation.faults import BlockedJoints, FrozenSensor, Jitter, LostNumbers, Packets, WeakMotors
+from eladapt.simulation.hardware import Delay
 from eladapt.simulation.run import Plant
 
 DT, ARRIVED = 1e-3, 2e-3
@@ -84,6 +85,7 @@ def cases() -> list[Case]:
         Case("2 kg dropped, at rest", RESTING, lambda: arm(payload=load)),
         Case("joint 4 blocked for 0.7 s, moving", MOVING, stuck(1.0)),
         Case("joint 4 blocked for good, moving", MOVING, stuck(np.inf)),
+        Case("torque acts 3 ms late, untold", 0.0, lambda: Delay(arm(), 3e-3)),
         Case("torque saturated at 50 %", 0.0, lambda: WeakMotors(arm(), 0.5)),
     ]  # fmt: skip
 
@@ -99,8 +101,8 @@ def run(case: Case) -> Outcome:
     outcome = judged(record, case.begins, f"{len(record)} of {steps}")
     state = record.final_state
     if state.fault is not None:
-        gone = "nothing to reset for: the joint is still blocked"
-        if "for good" not in case.name:
+        gone = "nothing to reset for, the fault is still there"
+        if "for good" not in case.name and "untold" not in case.name:
             gone = reset(controller, plant, state, goal)
         outcome = outcome._replace(said=f"{outcome.said}; {gone}")
     return outcome

@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -97,7 +97,9 @@ class Run(NamedTuple):
 def run(job: tuple[str, bool, float]) -> Run:
     name, told, duration = job
     robot, case = ea.Robot.load("panda"), CASES[name]
-    controller = ea.CompositeController.for_robot(robot, DT, **(case.known if told else {}))
+    controller = ea.CompositeController.for_robot(
+        robot, DT, compiled=COMPILED, **(case.known if told else {})
+    )
     arm = ea.PinocchioPlant(robot, robot.configuration(robot.home), friction=case.friction, noise=case.before)
     plant = case.wrap(arm)
     horizon = controller.gains.horizon if controller.gains else np.nan
@@ -159,9 +161,8 @@ def main() -> None:
         f"makes {1e3 * ahead()['velocity_noise']:.0f} mrad/s of velocity noise. Error: the true one, of the "
         f"last second; ripple: peak to peak, less its trend. The arm's gravity torque is at most {bound:.0f} "
         "N m. With friction columns gravity is learned slowly, since the joints stop before it is told apart "
-        "from friction; the disturbance estimate carries the difference. False alarms: changes of the arm "
-        "noticed where there was none; friction that is in no column is taken for one, and so is a lagging "
-        "velocity in fast motion."
+        "from friction; what is fed forward carries the difference. False alarms: changes of the arm noticed "
+        "where there was none. Not told of friction, the control law's disturbance estimate has what is left."
     )
     write(options.output, "Hardware and what it costs (panda)", head, rows, notes)
 

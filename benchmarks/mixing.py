@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from table import write
+from table import COMPILED, write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -46,7 +46,7 @@ class Run(NamedTuple):
 def run(job: tuple[str, str, bool, float]) -> Run:
     name, mixing, direct, duration = job
     robot = ea.Robot.load(name)
-    controller = ea.CompositeController.for_robot(robot, DT)
+    controller = ea.CompositeController.for_robot(robot, DT, compiled=COMPILED)
     law = dataclasses.replace(controller.law, direct=direct)
     controller = dataclasses.replace(controller, mixing=MIXINGS[mixing], law=law)
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import platform
 from collections.abc import Sequence
@@ -10,6 +11,8 @@ from pathlib import Path
 from eladapt.files import atomic_write
 from eladapt.simulation.record import versions
 
+# With the extra "fast" the controllers are compiled: the same figures, to rounding, several times sooner.
+COMPILED = importlib.util.find_spec("numba") is not None
 RESULTS = Path(__file__).parent / "results"
 
 

@@ -36,4 +36,4 @@ def compiled(kernel: F) -> F:
         ) from reason
     while _helpers:
         register_jitable(_helpers.pop())
-    return numba.njit(kernel, cache=True)  # type: ignore[return-value]
+    return numba.njit(kernel, cache=True)

@@ -34,7 +34,9 @@ def main() -> None:
     options = parser.parse_args()
 
     robot = ea.Robot.load(options.robot)
-    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
+    # A torque acts one to two periods after the measurement that it answers: gains should know.
+    inner = ea.CompositeController.for_robot(robot, DT, delay=2 * DT)
+    controller = ea.GatedController.for_robot(inner, DT)
     saved = options.out / f"hardware_loop_{robot.name}_state.npz"
     state = ea.load_state(saved, controller) if options.resume else None
 

@@ -44,7 +44,8 @@ def main() -> None:
     robot = ea.Robot.load("ur5")
     finite_time = ea.CompositeController.for_robot(robot)
     law = SaturatedPD.for_robot(robot)
-    own = dataclasses.replace(finite_time, control=law, gains=None)
+    # The disturbance estimate belongs to the semi-implicit prediction of the law that is replaced.
+    own = dataclasses.replace(finite_time, control=law, gains=None, disturbance=None)
 
     records = []
     for title, controller in {"finite-time PD": finite_time, "saturated PD": own}.items():

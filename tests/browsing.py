@@ -69,11 +69,11 @@ class Tab:
 
     def foreign(self) -> list[str]:
         """Requests that would leave this computer, or read a file other than the page."""
-        own = ("127.0.0.1", "localhost")
+        own, inside = ("127.0.0.1", "localhost"), ("data", "blob", "about")
         at = self.page.url
         return [
             url for url in self.requests
-            if url != at and urlsplit(url).hostname not in own and urlsplit(url).scheme not in ("data", "blob", "about")
+            if url != at and urlsplit(url).hostname not in own and urlsplit(url).scheme not in inside
         ]  # fmt: skip
 
     def pixels(self) -> np.ndarray:

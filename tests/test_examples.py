@@ -64,3 +64,11 @@ def test_own_urdf_says_what_is_wrong_without_a_traceback(arguments, said, tmp_pa
     assert done.stderr.startswith("error: ")
     assert said in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_every_example_has_a_thumbnail_of_less_than_60_kb():
+    listed = (EXAMPLES / "README.md").read_text("utf-8")
+    for name in LEAVES:
+        picture = EXAMPLES.parent / "docs" / "thumbnails" / f"{name}.png"
+        assert picture.stat().st_size < 60_000
+        assert f"../docs/thumbnails/{name}.png" in listed

@@ -6,6 +6,7 @@ from shared import load
 
 import eladapt as ea
 from eladapt.simulation.faults import BlockedJoints, FrozenSensor, Jitter, LostNumbers, Packets, WeakMotors
+from eladapt.simulation.hardware import Delay
 
 DT, BEGINS, ENDS = 1e-3, 0.25, 0.35
 
@@ -43,6 +44,18 @@ def test_a_passing_fault_is_got_over(name):
     _, _, record = run(RECOVERS[name], 2.5)
     assert record.final_state.fault is None
     assert np.abs(record.error[-1]).max() < 2e-3
+
+
+@pytest.mark.parametrize("late", [3e-3, 5e-3])
+def test_a_loop_that_a_delay_makes_unstable_is_stopped(late):
+    """Torque that acts late, which no gain knows of, is named when it shows; the fallback bears the delay."""
+    robot = load("panda")
+    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
+    plant = Delay(ea.PinocchioPlant(robot, robot.configuration(robot.home)), late)
+    record = ea.simulate(controller, plant, robot.configuration(robot.target), 3.0, DT, progress=False)
+    assert record.final_state.fault.name in ("energy growth", "velocity")
+    assert np.abs(record.v[record.t > 2.9]).max() < 1e-2
+    assert np.all(np.abs(record.tau) <= robot.effort_limit)
 
 
 @pytest.mark.parametrize("name", STOPS)

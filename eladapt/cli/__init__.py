@@ -36,9 +36,10 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit code is returned, or raised as SystemExit by --help and by the parser."""
     options = _parser().parse_args(arguments)
-    warnings.showwarning = _warn
     try:
-        return int(options.command(options) or 0)
+        with warnings.catch_warnings():
+            warnings.showwarning = _warn
+            return int(options.command(options) or 0)
     except KeyboardInterrupt:
         print("error: interrupted", file=sys.stderr)
         return 130
@@ -61,8 +62,9 @@ def _fail(message: str) -> int:
     return 1
 
 
-def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    if issubclass(category, UserWarning):  # what a library is to leave behind some day is not the user's
+        print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _parser() -> _Parser:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from eladapt.control.blocks import ControlBlock, ExtensionBlock, MixingBlock, RegressionBlock
 from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
-from eladapt.control.hardware import Hardware
-from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
+from eladapt.control.hardware import QUIET_XI, Hardware
+from eladapt.control.samples import checked_step, elapsed, require_finite
+from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import Change, ChangeDetector
 from eladapt.estimation.excitation import Excitation, GateMonitor
@@ -32,35 +33,6 @@ from eladapt.estimation.regressions import ForceBalance
 from eladapt.robot.model import Robot
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
-
-LONGEST_STEP = 10.0  # times the nominal one
-CLOCK_ROUNDING = 1e-6  # of a step: time stamps that agree with dt to this part are dt
-
-
-class RegressionBlock(Protocol):
-    """What turns measurements into y = Omega theta."""
-
-    def init(self, measurement: Measurement) -> Any: ...
-    def step(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Regression]: ...
-
-
-class ExtensionBlock(Protocol):
-    """What accumulates regressions."""
-
-    def init(self, n_parameters: int) -> Any: ...
-    def step(self, information: Any, regression: Regression, dt: float) -> Any: ...
-
-
-class MixingBlock(Protocol):
-    """What makes scalar regressions of the accumulated ones."""
-
-    def mix(self, information: Any, n_potential: int) -> MixedRegression: ...
-
-
-class ControlBlock(Protocol):
-    """What makes the feedback torque: `FiniteTimePD`, or a law of one's own."""
-
-    def torque(self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float) -> np.ndarray: ...
 
 
 class ControllerState(NamedTuple):
@@ -237,7 +209,7 @@ class CompositeController:
         robot = self.robot
         measurement = robot.check_measurement(measurement)
         goal = robot.check_q(goal, "goal")
-        dt = self._checked_step(dt)
+        dt = checked_step(dt, self.nominal_dt)
         _, q, v, _ = measurement
         e1 = pin.difference(robot.model, goal, q)
         psi = self.regressors.gravity(q, check=False)
@@ -270,8 +242,9 @@ class CompositeController:
         """The load that came or went with the last change noticed, in ``frame`` (the tool if None).
 
         Weighed by least squares on what was seen before and since. Standard deviations are those of noise
-        in the measured velocity, which the filters leave white; the bias that noise makes where the arm
-        hardly moved is not in them. Raises ArgumentError when the controller has noticed no change.
+        in the measured velocity, which the filters leave white. Where `for_robot` was told of noise, what
+        the arm's motion does not tell above it is not identified: at rest the place of the load along the
+        vertical; a move tells it. Raises ArgumentError when the controller has noticed no change.
         """
         change = state.change
         if change is None or change.noticed == 0:
@@ -282,9 +255,10 @@ class CompositeController:
         before = completed(change.theta_before, change.information_before)
         after = completed(state.theta, state.information)
         samples = rows if rows > len(self.regressors) else None
+        xi = getattr(self.extension, "xi", QUIET_XI)
         return estimate_payload(
             self.regressors, before, after, state.information, change.information_before,
-            samples=samples, frame=frame,
+            samples=samples, floor=1 / xi if xi < QUIET_XI else 0.0, frame=frame,
         )  # fmt: skip
 
     def carried(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
@@ -306,26 +280,17 @@ class CompositeController:
             return self.mixing.mix(information, j, before)
         return self.mixing.mix(information, j)
 
-    def _checked_step(self, dt: float) -> float:
-        dt = require_number("dt", dt, 0)
-        if self.nominal_dt is not None and dt > LONGEST_STEP * self.nominal_dt:
-            raise ArgumentError(
-                f"dt: expected at most {LONGEST_STEP:g} times the {self.nominal_dt:g} s that the gains were "
-                f"made for, got {dt:g} s; make the controller for the step that it gets"
-            )
-        return dt
-
     def _advance(
         self, state: ControllerState, measurement: Measurement, psi: np.ndarray, e1: np.ndarray, dt: float
     ) -> ControllerState:
         before, information, change = state.measurement, state.information, state.change
-        dt, gap = _elapsed(before.t, measurement.t, dt)
+        dt, gap = elapsed(before.t, measurement.t, dt)
         if gap:
             filters = self.regression.init(measurement)
             regression = Regression(filters.y, filters.omega)
         else:
             filters, regression = self.regression.step(state.filters, measurement, dt)
-            _require_finite(regression, measurement)
+            require_finite(regression, measurement)
             information = self.extension.step(information, regression, dt)
         if self.detector and change and not gap:
             change = self.detector.step(
@@ -359,22 +324,3 @@ class CompositeController:
             measurement, theta, filters, regression, information, mixed, excitation, change, compensation,
             disturbance,
         )  # fmt: skip
-
-
-def _elapsed(before: float, now: float, dt: float) -> tuple[float, bool]:
-    """The time [s] over which to advance, and whether samples are missing in between."""
-    elapsed = now - before
-    if elapsed < 0:
-        raise ArgumentError(f"measurement.t: expected {before} s or later, got {now} s")
-    if abs(elapsed - dt) <= CLOCK_ROUNDING * dt + 4 * math.ulp(now):
-        return dt, False
-    return (elapsed, False) if abs(elapsed - dt) <= 0.5 * dt else (dt, True)
-
-
-def _require_finite(regression: Regression, measurement: Measurement) -> None:
-    size = np.vdot(regression.omega, regression.omega) + np.vdot(regression.y, regression.y)
-    if not math.isfinite(size):
-        raise ArgumentError(
-            "measurement: expected magnitudes of a robot, the regression overflows at "
-            f"|v| = {np.abs(measurement.v).max():g}, |tau| = {np.abs(measurement.tau).max():g}"
-        )

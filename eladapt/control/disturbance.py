@@ -4,14 +4,17 @@ The semi-implicit law asks for the torque at the end of the horizon, as M(q) and
 there. A joint held by friction does not get there: the law believes that it arrives, and pushes too
 little. With the torque d that was missing over the last moments the prediction is
 M (w - v) = H (law(e + H w, w) + d), the same equation from the velocity v + H M^-1 d. The torque is still the
-law's: d is not added to it, so the steady error is that of the law itself, (f/P)^(1/a) for a friction f.
+law's, d is not added to it: a friction f stops a joint within (f/P)^(1/a) of its goal, where the law itself
+pushes with f.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from eladapt.errors import require_number
 
@@ -48,8 +51,9 @@ class DisturbanceEstimate:
 
     def step(self, d: np.ndarray, inertial: np.ndarray, feedback: np.ndarray, dt: float) -> np.ndarray:
         """d (nv,) [N m] after feedback (nv,) was held for dt [s] and made inertial = M a + C v (nv,)."""
-        return d - np.expm1(-dt / self.memory) * (inertial - feedback - d)
+        return d - math.expm1(-dt / self.memory) * (inertial - feedback - d)
 
     def velocity(self, d: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray, horizon: float) -> np.ndarray:
         """v + H M^-1 d (nv,) [rad/s], from which the semi-implicit law's prediction includes d."""
-        return v + horizon * np.linalg.solve(mass_matrix, d)
+        _, change, _ = dposv(mass_matrix, d)  # a fifth of the time of a general solver
+        return v + horizon * change

@@ -69,11 +69,12 @@ class TorqueGate:
 
     effort [N m]; torque_rate [N m/s]; velocity [rad/s]; lower, upper [rad]: what may not be passed, inf where
     nothing is set. A joint limit counts as passed when the velocity would carry the joint over it within
-    ``lookahead`` [s]. max_age [s]: how long the last torque is held without a trusted measurement.
-    resolution [rad]: what a moving joint must show for its sensor not to be called frozen. P [N m/rad],
-    D [N m s/rad]: spring and damper of the fallback; slack [rad]: further off, the spring's anchor is dragged
-    along. guard: what counts as divergence. barrier: None leaves the controller's torque as it is below the
-    limits. Raises ArgumentError for what is not positive.
+    ``lookahead`` [s]. max_age [s]: how long the last torque is held without a trusted measurement. resolution
+    [rad]: what a moving joint must show for its sensor not to be called frozen. P [N m/rad], D [N m s/rad]:
+    spring and damper of the fallback; slack [rad]: further off, the spring's anchor is dragged along; horizon
+    [s]: how far ahead the fallback evaluates its law; 10 ms bear a delay of 5 ms on a panda. guard: what
+    counts as divergence. barrier: None leaves the controller's torque as it is below the limits. Raises
+    ArgumentError for what is not positive.
     """
 
     robot: Robot
@@ -85,6 +86,7 @@ class TorqueGate:
     P: np.ndarray
     D: np.ndarray
     slack: float = 0.4
+    horizon: float = 0.01
     max_age: float = 0.02
     lookahead: float = 0.02
     resolution: float = 1e-4
@@ -107,7 +109,7 @@ class TorqueGate:
             object.__setattr__(self, name, np.broadcast_to(limit, (nv,)).copy())
         if np.any(self.lower >= self.upper):
             raise ArgumentError(f"lower, upper: expected lower < upper, got {self.lower} and {self.upper}")
-        for name in ("max_age", "resolution", "slack"):
+        for name in ("max_age", "resolution", "slack", "horizon"):
             object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
         ahead = require_number("lookahead", self.lookahead, 0, np.finfo(float).max, closed=True)
         object.__setattr__(self, "lookahead", ahead)
@@ -130,6 +132,7 @@ class TorqueGate:
         P = np.broadcast_to(np.asarray(given.get("P", 2 * limit), float), robot.nv)
         derived = {
             "effort": limit, "torque_rate": limit / max(0.01, 10 * dt), "max_age": max(0.02, 5 * dt),
+            "horizon": max(0.01, 3 * dt),
             "velocity": 1.1 * robot.velocity_limit, "lower": robot.lower, "upper": robot.upper,
             "P": P, "D": 2 * np.sqrt(P * largest.inertia),
         }  # fmt: skip
@@ -199,7 +202,7 @@ class TorqueGate:
         return _believed(robot, state, v, dt)
 
     def fallback(self, state: GateState, gravity: np.ndarray, dt: float) -> tuple[GateState, np.ndarray]:
-        """Brake and hold: the torque (nv,) at the end of the step, M (w - v) = H (-P (e + H w) - D w).
+        """Brake and hold: the torque (nv,) a horizon H ahead, M (w - v) = H (-P (e + H w) - D w).
 
         gravity (nv,): the trusted estimate at ``state.q``. As long as nothing is measured, what it lacked
         when the fault came stays, and w is where the arm is believed to go: braking goes on blindly, and
@@ -213,12 +216,13 @@ class TorqueGate:
         far = robot.difference(anchor, state.q)
         e = np.clip(far, -self.slack, self.slack)
         anchor = robot.integrate(anchor, far - e)
-        mass_matrix = robot.mass_matrix(state.q)
-        implicit = mass_matrix + np.diag(dt * self.D + dt**2 * self.P)
-        w = np.linalg.solve(implicit, mass_matrix @ state.v - dt * self.P * e)
-        tau = gravity + offset - self.P * (e + dt * w) - self.D * w
+        mass_matrix, ahead = robot.mass_matrix(state.q), max(dt, self.horizon)
+        implicit = mass_matrix + np.diag(ahead * self.D + ahead**2 * self.P)
+        w = np.linalg.solve(implicit, mass_matrix @ state.v - ahead * self.P * e)
+        tau = gravity + offset - self.P * (e + ahead * w) - self.D * w
         if state.age > 0:
-            return _believed(robot, state, w, dt)._replace(anchor=anchor, offset=offset), tau
+            v = state.v + dt / ahead * (w - state.v)
+            return _believed(robot, state, v, dt)._replace(anchor=anchor, offset=offset), tau
         return state._replace(anchor=anchor, offset=offset * np.exp(-dt / FADING)), tau
 
     def _doubt(self, state: GateState, measurement: Measurement, dt: float) -> Alarm | None:

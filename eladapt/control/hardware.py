@@ -2,7 +2,9 @@
 
 Near rest the semi-implicit law is the stiff PD tau = -M (e/H^2 + v/H). Its loop crosses at 1.27/H with 52
 degrees of phase left, and its slopes turn measurement noise into torque, so delay, lag and noise ask for a
-longer horizon H than the step. What H costs: torque errors f of light joints leave e = f H^2/M.
+longer horizon H than the step. What H costs is stiffness: the law answers where a standing torque f that
+nothing else compensates would take the arm within H, w = H f/M away, so it gives way by H w and by what
+D |w|^b takes (panda, 2 kg that are not compensated: 0.09 rad at 1 ms, 0.24 rad at 10 ms).
 """
 
 from __future__ import annotations

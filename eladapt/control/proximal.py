@@ -20,7 +20,7 @@ from eladapt.compiling import jitable
 
 SCALAR_ITERATIONS = 80  # bisection alone needs no more for double precision; 3 to 8 are typical
 ITERATIONS = 40  # of the coupled problem; 3 to 6 are typical
-CONVERGED = 1e-10  # residual relative to the momenta involved
+CONVERGED = 1e-11  # residual relative to the momenta of the first iterate: below 1e-10 of those of the last
 LEAST_FRACTION = 1e-3  # of a Newton step that still is worth trying
 EPS = 8 * float(np.finfo(float).eps)
 TINY = float(np.finfo(float).tiny)

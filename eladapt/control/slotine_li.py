@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.control.composite import RegressionBlock
+from eladapt.control.blocks import RegressionBlock
 from eladapt.control.gains import derive_sliding_gains
 from eladapt.errors import require_gain, require_number, require_vector
 from eladapt.estimation.excitation import IntervalExcitation

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.control.composite import RegressionBlock
+from eladapt.control.blocks import RegressionBlock
 from eladapt.control.gains import derive_sliding_gains
 from eladapt.control.proximal import signed_power
 from eladapt.control.slotine_li import Reference, linear_reference

@@ -57,21 +57,21 @@ def learning(record: Record) -> list[Any]:
     size = record.theta.shape[1]
     numbers = [f"θ{number}" for number in range(1, size + 1)]
     if size:
-        true = "true values" if record.carried is None else "those of the arm without its load"
-        title = "gravity parameters θ" + (f", {true} dashed" if record.theta_true is not None else "")
+        true = "true values" if record.carried is None else "those without the load"
+        title = "gravity parameters θ" + (f"; thin: {true}" if record.theta_true is not None else "")
         bounds = bounds_of(record)
-        estimates = chart(title + (", bounds dotted" if bounds is not None else ""), "θ [N m]", x)
-        lines(estimates, t, record.theta, numbers, solid=True)
+        estimates = chart(title + ("; dotted: bounds" if bounds is not None else ""), "θ [N m]", x)
+        lines(estimates, t, record.theta, numbers)
         for index in range(size):
             colour = COLOURS[index % len(COLOURS)]
             if record.theta_true is not None:
-                level(estimates, record.theta_true[index], colour, "dashed")
+                level(estimates, record.theta_true[index], colour, "solid")
             for bound in bounds[index] if bounds is not None else ():
                 level(estimates, bound, colour, "dotted")
         charts.append(estimates)
         if record.theta_true is not None:
             error = chart(f"distance of θ from {true}", "|θ - true| [N m]", x, log=True)
-            lines(error, t, np.abs(record.theta_error), numbers, log=True, solid=True)
+            lines(error, t, np.abs(record.theta_error), numbers, log=True)
             charts.append(error)
     if width := record.delta.shape[1]:
         ways = [f"{number}" for number in range(1, width + 1)]
@@ -136,7 +136,7 @@ def chart(title: str, unit: str, x: Any, log: bool = False) -> Any:
 
 def lines(
     into: Any, t: np.ndarray, values: np.ndarray, names: Sequence[str], kept: Sequence[bool] | None = None,
-    *, log: bool = False, solid: bool = False, first: int = 0,
+    *, log: bool = False, first: int = 0,
 ) -> None:  # fmt: skip
     """A line a column of values (N, k), each to be hidden by a click on its name.
 
@@ -149,7 +149,7 @@ def lines(
         source = ColumnDataSource({"t": at.astype(np.float32), "y": y.astype(np.float32)}, name=name)
         line = into.line(
             "t", "y", source=source, color=COLOURS[look % len(COLOURS)], line_width=1.6, name=name,
-            line_dash="solid" if solid else DASHES[look % len(DASHES)],
+            line_dash=DASHES[look % len(DASHES)],
         )  # fmt: skip
         into.legend[0].items.append(LegendItem(label=name, renderers=[line]))
         tip = [("", "$name"), ("time", "@t{0.000} s"), ("value", "@y{0.000e+0}" if log else "@y{0.0000}")]
@@ -160,7 +160,7 @@ def level(into: Any, at: float, colour: str, dash: str) -> None:
     """A horizontal line."""
     if np.isfinite(at):
         into.add_layout(
-            Span(location=float(at), dimension="width", line_color=colour, line_dash=dash, line_width=1)
+            Span(location=float(at), dimension="width", line_color=colour, line_dash=dash, line_width=0.8)
         )
 
 

@@ -40,7 +40,7 @@ class LiveView:
     def __init__(self, robot: Robot, *, port: int = 0, load: Callable[[Any], Any] | None = None):
         self.robot, self.sent, self.dropped = robot, 0, 0
         self._load, self._load_next, self._carried = load, 0.0, np.array([0.0, 0, 0, 0, 1.0])
-        self._next = 0.0
+        self._next, self._message = 0.0, np.zeros(HEAD + 2 * robot.nq)
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
@@ -64,11 +64,11 @@ class LiveView:
 
         t [s]: of the run; the path of the tool starts again where it falls back. Returns at once, always:
         in microseconds, and without an effect where the last frame is less than 1/60 s old.
-        Raises ArgumentError for a posture of another shape.
+        Raises ArgumentError for a posture of another shape, where it would be drawn.
         """
         now = time.perf_counter()
         if now >= self._next:
-            self._send(now, t, q, goal, np.array([mass, *centre, 0.0]))
+            self._send(now, t, q, goal, (mass, *centre, 0.0))
 
     def __call__(self, t: float, q: np.ndarray, goal: np.ndarray, state: Any = None) -> None:
         """`show` as an observer of `simulate`, with the load that the state tells."""
@@ -101,17 +101,23 @@ class LiveView:
         self.close()
 
     def _send(
-        self, now: float, t: float, q: np.ndarray, goal: np.ndarray | None, carried: np.ndarray
+        self,
+        now: float,
+        t: float,
+        q: np.ndarray,
+        goal: np.ndarray | None,
+        carried: np.ndarray | tuple[float, ...],
     ) -> None:
         self._next = now + 1 / FRAMES_PER_SECOND
         goal = q if goal is None else goal
-        message = np.array([t, *carried, *q, *goal], dtype=float)
-        if len(message) != HEAD + 2 * self.robot.nq:
+        message, size = self._message, self.robot.nq
+        if np.shape(q) != (size,) or np.shape(goal) != (size,):
             raise ArgumentError(
-                f"q, goal: expected shape ({self.robot.nq},) each, got {np.shape(q)} and {np.shape(goal)}"
+                f"q, goal: expected shape ({size},) each, got {np.shape(q)} and {np.shape(goal)}"
             )
+        message[0], message[1:HEAD], message[HEAD : HEAD + size], message[HEAD + size :] = t, carried, q, goal
         try:
-            self._socket.send(message.tobytes())
+            self._socket.send(message.data)
             self.sent += 1
         except BlockingIOError:
             self.dropped += 1

@@ -16,13 +16,14 @@ import sys
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from meshcat import geometry as draw
 from tornado import httpserver, netutil, web, websocket
 
 from eladapt.display import loads
 from eladapt.display.live import FRAMES_PER_SECOND, HEAD
 from eladapt.display.page import LOOPBACK, filled
-from eladapt.display.scene import TRAIL_COLOUR, Scene, camera_for, motion_of, visuals_of
+from eladapt.display.scene import TRAIL_COLOUR, Scene, camera_for, motion_of, tip_of, visuals_of
 from eladapt.errors import EladaptError
 from eladapt.robot.model import Robot
 
@@ -36,11 +37,11 @@ class Stage:
     """The arm on show: where it stands, and the commands that put it there."""
 
     def __init__(self, robot: Robot):
-        self.robot, self.zero = robot, np.zeros(1)
+        self.robot, self.data, zero = robot, robot.model.createData(), np.zeros(1)
         visuals = visuals_of(robot)
-        home, target = (robot.configuration(x)[None] for x in (robot.home, robot.target))
-        self.camera = camera_for(visuals, motion_of(robot, self.zero, home, self.zero),
-                                 motion_of(robot, self.zero, target, self.zero))  # fmt: skip
+        home, target = (robot.configuration(x) for x in (robot.home, robot.target))
+        still, moved = (motion_of(robot, zero, q[None], zero) for q in (home, target))
+        self.camera = camera_for(visuals, still, moved)
         self.camera["distance"] *= ROOM
         self.scene = Scene()
         self.scene.draw_surroundings(self.camera["distance"])
@@ -50,15 +51,20 @@ class Stage:
         self.path: list[np.ndarray] = []
         self.goal, self.t, self.stride, self.skipped = np.zeros(0), -np.inf, 1, 0
         self.tool = robot.model.frames[robot.model.getFrameId(robot.tool)]
+        self.tip = tip_of(robot, self.tool.parentJoint) if self.tool.parentJoint else np.zeros(3)
         self.moving: list[bytes] = []  # the last frame, for who comes later
-        start = [0.0] * HEAD + [*home[0], *home[0]]
-        self.step(np.array(start))
+        self.ghost: list[bytes] = []
+        self.step(np.array([0.0] * HEAD + [*home, *home]))
         self.path.clear()
 
     def page(self, title: str, stream: str) -> str:
         """The page as of now, which goes on from ``stream``."""
-        self.scene.commands = [*self.still, *self.moving, *self._path()]
+        self.scene.commands = [*self.still, *self.whole()]
         return filled(self.scene, self.camera, title, "live", ", where there is one", stream)
+
+    def whole(self) -> list[bytes]:
+        """The commands that bring up to date who missed some."""
+        return [*self.ghost, *self.moving, *self._path()]
 
     def step(self, message: np.ndarray) -> list[bytes]:
         """The commands that lead to the posture of a message; none if it is not finite."""
@@ -69,20 +75,26 @@ class Stage:
         if t < self.t:
             self.path.clear()
         self.t = t
-        motion = motion_of(self.robot, self.zero, q[None], self.zero)
-        ghost = motion_of(self.robot, self.zero, goal[None], self.zero)
-        self.scene.commands = []
-        for name, placed in (("robot", motion), ("set-point", ghost)):
-            for joint in range(1, placed.joints.shape[1]):
-                self.scene.root[f"{name}/{joint}"].set_transform(placed.joints[0, joint])
+        stays = np.array_equal(goal, self.goal)
+        if not stays:
+            self.goal = goal.copy()
+            self.ghost = self._pose("set-point", goal)
+        self.moving = self._pose("robot", q)
         weight, at = loads.credible(mass, centre, misfit)
-        place = motion.joints[0, self.tool.parentJoint] @ self.tool.placement.homogeneous
-        loads.place(self.scene, "load", place[:3, :3] @ at + place[:3, 3], loads.radius_of(weight))
-        self.moving = self.scene.commands
-        self._go_on(motion.tool[0])
+        place = self.data.oMi[self.tool.parentJoint] * self.tool.placement
+        self.scene.commands = self.moving
+        loads.place(self.scene, "load", place.act(at), loads.radius_of(weight))
+        self._go_on(self.data.oMi[self.tool.parentJoint].act(self.tip))
         self.frame += 1
         path = self._path() if self.frame % PATH_PERIOD == 0 else []
-        return [*self.moving, *path]
+        return [*self.moving, *([] if stays else self.ghost), *path]
+
+    def _pose(self, name: str, q: np.ndarray) -> list[bytes]:
+        self.scene.commands = []
+        pin.forwardKinematics(self.robot.model, self.data, q)
+        for joint in range(1, self.robot.model.njoints):
+            self.scene.root[f"{name}/{joint}"].set_transform(self.data.oMi[joint].homogeneous)
+        return self.scene.commands
 
     def _go_on(self, tool: np.ndarray) -> None:
         self.skipped += 1
@@ -111,6 +123,7 @@ class _Page(web.RequestHandler):
 
 class _Stream(websocket.WebSocketHandler):
     written: Any = None  # resolves when the browser has taken the last frame
+    behind = False  # a frame was left out, and none was sent since
 
     def check_origin(self, origin: str) -> bool:
         return origin in {f"http://{host}" for host in self.settings["hosts"]}
@@ -129,11 +142,13 @@ class _Stream(websocket.WebSocketHandler):
 
     def frame(self, commands: list[bytes]) -> None:
         """Send a frame, or leave it out while the last one is still on its way."""
-        if self.written is not None and not self.written.done():
+        self.behind = self.written is not None and not self.written.done()
+        if self.behind:
             return
         with contextlib.suppress(websocket.WebSocketClosedError):
             for command in commands:
-                self.written = self.write_message(command, binary=True)
+                self.written = asyncio.ensure_future(self.write_message(command, binary=True))
+                self.written.add_done_callback(lambda sent: sent.cancelled() or sent.exception())
 
 
 async def serve(inbox: socket.socket, wanted: dict[str, Any]) -> None:
@@ -168,7 +183,10 @@ async def serve(inbox: socket.socket, wanted: dict[str, Any]) -> None:
         if newest is not None and len(newest) == HEAD + 2 * robot.nq:
             commands = stage.step(newest)
             for client in list(clients):
-                client.frame(commands)
+                client.frame(stage.whole() if client.behind else commands)
+        else:
+            for client in [client for client in clients if client.behind]:
+                client.frame(stage.whole())
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(done.wait(), 1 / FRAMES_PER_SECOND)
 

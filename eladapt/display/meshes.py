@@ -15,7 +15,7 @@ import pinocchio as pin
 from defusedxml import ElementTree
 from meshcat import geometry as draw
 
-ROBOT_TRIANGLES, GHOST_TRIANGLES = 140_000, 20_000  # the Panda has 134,293: 3.3 MB of the page
+ROBOT_TRIANGLES, GHOST_TRIANGLES = 140_000, 40_000  # the Panda has 134,293: 3.3 MB of the page
 _PLACEMENTS = ("matrix", "translate", "rotate", "scale", "skew", "lookat")
 _PARTS = "*[@count]"  # <triangles>, <polylist> and the like: a material each
 

@@ -37,7 +37,8 @@ def metrics(records: Sequence[Record], labels: Sequence[str]) -> str:
     for label, record in zip(labels, records, strict=True):
         with np.errstate(invalid="ignore"):
             share = np.nanmax(np.abs(record.tau) / record.effort_limit, initial=0.0)
-        figures = [figure(value) for value in record.metrics()]
+        found = record.metrics()
+        figures = ["never" if np.isposinf(value) else figure(value) for value in found]
         rows.append([label, *figures, f"{share:.0%}" if share else "no limits"])
     return table(head, rows, numbers=range(1, len(head)))
 
@@ -142,7 +143,7 @@ def figure(value: float) -> str:
     """A number for people."""
     if math.isnan(value):
         return "unknown"
-    return "never" if value == math.inf else f"{value:.3g}"
+    return f"{value:.3g}"
 
 
 def _vector(values: np.ndarray) -> str:

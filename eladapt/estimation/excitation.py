@@ -38,7 +38,8 @@ class GateMonitor:
     b: float = 0.5
     d: float = 0.5
 
-    def init(self, size: int) -> Excitation:
+    def init(self, size: int | tuple[int, ...]) -> Excitation:
+        """size: how many gates, (k,) or with leading axes (..., k)."""
         return Excitation(np.zeros(size), np.zeros(size))
 
     def step(self, excitation: Excitation, mixed: MixedRegression, dt: float) -> Excitation:

@@ -69,9 +69,9 @@ class Kreisselmeier:
         object.__setattr__(self, "forgetting", require_number("forgetting (lambda_2)", self.forgetting, 0))
         object.__setattr__(self, "gain", require_number("gain (lambda_3)", self.gain, 0))
 
-    def init(self, n_parameters: int) -> Information:
-        """No information: Phi_1(0) = 0, Phi_2(0) = 0."""
-        return Information(*_nothing(n_parameters, 1.0, 0.0, self.compiled))
+    def init(self, n_parameters: int, lead: tuple[int, ...] = ()) -> Information:
+        """No information: Phi_1(0) = 0, Phi_2(0) = 0; lead: leading axes, for as many estimators at once."""
+        return _nothing(n_parameters, lead, 1.0, 0.0, self.compiled)
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
         """Forget over dt [s] and add the regression held over it."""
@@ -104,9 +104,9 @@ class LeastSquares:
         if self.xi * self.f0 < 1 - 1e-12:
             raise ArgumentError(f"xi: expected xi >= 1/f0 = {1 / self.f0:g} (443), got {self.xi:g}")
 
-    def init(self, n_parameters: int) -> Information:
-        """No information but the prior: F(0) = I/f0."""
-        return Information(*_nothing(n_parameters, self.f0, 1.0, self.compiled))
+    def init(self, n_parameters: int, lead: tuple[int, ...] = ()) -> Information:
+        """No information but the prior: F(0) = I/f0; lead: leading axes, for as many estimators at once."""
+        return _nothing(n_parameters, lead, self.f0, 1.0, self.compiled)
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
         """Forget over dt [s] at the rate that F allows and add the regression held over it."""
@@ -142,9 +142,13 @@ class LeastSquares:
         return np.maximum(self.beta * (1 - 1 / np.maximum(information, TINY)), 0.0)
 
 
-def _nothing(size: int, prior: float, saturation: float, by_rows: bool) -> tuple[Any, ...]:
-    triangle = np.zeros((size + 1, size + 1), order="C" if by_rows else "F")  # LAPACK wants columns
-    return triangle, prior, saturation, 0.0, np.full(size, 1 / math.sqrt(max(1, size)))
+def _nothing(size: int, lead: tuple[int, ...], prior: float, saturation: float, by_rows: bool) -> Information:
+    triangle = np.zeros(
+        (*lead, size + 1, size + 1), order="C" if by_rows or lead else "F"
+    )  # as LAPACK wants it
+    weakest = np.full((*lead, size), 1 / math.sqrt(max(1, size)))
+    many = np.full(lead, prior) if lead else prior
+    return Information(triangle, many, saturation, np.zeros(lead) if lead else 0.0, weakest)
 
 
 def _innovation(before: np.ndarray, after: np.ndarray, kept: Any, weight: float) -> Any:

@@ -9,6 +9,7 @@ initial state z(0) = -lambda_0 phi_3(0) of (419) and z(0) = -lambda_0 omega(0) o
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -75,9 +76,9 @@ class ForceBalance:
             raise ArgumentError(f"interpolation: expected 'linear' or 'hermite', got {self.interpolation!r}")
 
     def init(self, measurement: Measurement) -> FilterState:
-        """The filter at rest at the first sample."""
-        nv, size = self.regressors.robot.nv, len(self.regressors)
-        return FilterState(measurement.q, measurement.v, np.zeros(nv), np.zeros((nv, size)))
+        """The filter at rest at the first sample; with leading axes in q and v, as many filters."""
+        _, q, v, _ = measurement
+        return FilterState(q, v, np.zeros(v.shape), np.zeros((*v.shape, len(self.regressors))))
 
     def step(self, state: FilterState, measurement: Measurement, dt: float) -> tuple[FilterState, Regression]:
         """Advance over the dt [s] that ended at ``measurement``."""
@@ -85,19 +86,21 @@ class ForceBalance:
         _, q, v, tau = measurement
         weight = gain * dt * np.asarray(self.weight)
         one, two = self._forces(state, q, v, dt)
-        if self.compiled:
+        if self.compiled and v.ndim == 1:
             y, omega = kernels().filter_rows(state.omega, state.y, rho, weight, one, two, tau)
         else:
             omega = rho * state.omega + (0.5 * weight)[:, None] * (one + two)
             y = rho * state.y + weight * tau
         if self.regressors.coulomb:
             sliding = self._sliding(state.v, v)
-            y, omega = np.where(sliding, y, 0.0), np.where(sliding[:, None], omega, 0.0)
+            y, omega = np.where(sliding, y, 0.0), np.where(sliding[..., None], omega, 0.0)
         return FilterState(q, v, y, omega), Regression(y, omega)
 
     def _forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
         """W(q, v, a) (nv, l) at Gauss's two points of the path from ``state`` to (q, v)."""
         torque, model = self.regressors.torque, self.regressors.robot.model
+        if v.ndim > 1:
+            return self._forces_of_many(state, q, v, dt)
         moved = pin.difference(model, state.q, q)
         if self.compiled and self.interpolation == "linear":
             offset, velocity, slope = kernels().path_points(GAUSS, moved, state.v, v, dt)
@@ -109,14 +112,27 @@ class ForceBalance:
             for k in range(2)
         ]
 
+    def _forces_of_many(
+        self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float
+    ) -> list[np.ndarray]:
+        """`_forces` (B, nv, l) of B filters at once."""
+        model = self.regressors.robot.model
+        moved = np.array([pin.difference(model, *pair) for pair in zip(state.q, q, strict=True)])
+        paths = self._path(moved[:, None], state.v[:, None], v[:, None], dt)
+        forces = []
+        for offset, velocity, acceleration in zip(*(np.moveaxis(part, -2, 0) for part in paths), strict=True):
+            place = np.array([pin.integrate(model, *pair) for pair in zip(state.q, offset, strict=True)])
+            forces.append(self.regressors.torque(place, velocity, acceleration, check=False))
+        return forces
+
     def _path(self, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float) -> Any:
-        """(2, nv) offsets from the first position, velocities and accelerations at Gauss's points."""
+        """(..., 2, nv) offsets from the first position, velocities and accelerations at Gauss's points."""
         change = after - before
         # The path's ends are the two positions, whatever the mean of its velocity is; s (1 - s) = 1/6.
         offset = GAUSS * moved - (dt / 12) * change
         velocity = before + GAUSS * change
         if self.interpolation == "linear":
-            return offset, velocity, (change / dt, change / dt)
+            return offset, velocity, np.broadcast_to(change / dt, velocity.shape)
         bend = 6 * (moved / dt - 0.5 * (before + after))
         offset += dt / 36 * (2 * GAUSS - 1) * bend
         return offset, velocity + bend / 6, change / dt + (1 - 2 * GAUSS) / dt * bend
@@ -158,10 +174,16 @@ class PowerBalance:
     def init(self, measurement: Measurement) -> EnergyState:
         """The filter at rest at the first sample."""
         energy, dissipation = self._energy_and_dissipation(measurement)
-        return EnergyState(measurement.q, energy, dissipation, np.zeros(1), np.zeros_like(energy))
+        y = np.zeros(energy.shape[:-1])
+        return EnergyState(measurement.q, energy, dissipation, y, np.zeros_like(energy))
 
     def step(self, state: EnergyState, measurement: Measurement, dt: float) -> tuple[EnergyState, Regression]:
         """Advance over the dt [s] that ended at ``measurement``."""
+        if measurement.v.ndim > 1:
+            states = (EnergyState(*parts) for parts in zip(*state, strict=True))
+            found = [self.step(*pair, dt) for pair in zip(states, _singles(measurement), strict=True)]
+            filters = EnergyState(*map(np.array, zip(*(one for one, _ in found), strict=True)))
+            return filters, Regression(filters.y, filters.omega)
         rho, gain = _decay(self.pole, dt)
         energy, dissipation = self._energy_and_dissipation(measurement)
         gained = energy - state.energy + 0.5 * dt * (state.dissipation + dissipation)
@@ -173,9 +195,20 @@ class PowerBalance:
 
     def _energy_and_dissipation(self, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         reg, (_, q, v, _) = self.regressors, measurement
+        if v.ndim > 1:
+            energy, dissipation = map(
+                np.array, zip(*map(self._energy_and_dissipation, _singles(measurement)), strict=True)
+            )
+            return energy, dissipation
         energy = reg.energy(q, v)[None]
         dissipation = v[None] @ reg.friction_torque(v) if reg.n_friction else np.zeros_like(energy)
         return energy, dissipation
+
+
+def _singles(measurement: Measurement) -> Iterator[Measurement]:
+    """The measurements along the leading axis; t is one for all."""
+    t, *arrays = measurement
+    return (Measurement(t, *each) for each in zip(*arrays, strict=True))
 
 
 def _decay(pole: float, dt: float) -> tuple[float, float]:

@@ -110,7 +110,7 @@ def test_the_recording_stops_starts_and_changes_speed_by_its_controls(chrome, re
     still = scene.settled()
     time.sleep(0.5)
     assert np.array_equal(scene.pixels(), still)
-    speed = page.locator("li", has_text="timeScale").locator("input").first
+    speed = page.locator("li.cr", has_text="timeScale").locator("input").first
     speed.fill("0.25")
     speed.press("Enter")
     assert scene.frame.evaluate("viewer.animator.mixer.timeScale") == 0.25

@@ -38,10 +38,14 @@ def same(one: ea.Record, other: ea.Record) -> bool:
         if field.name == "final_state":
             equal = leaves(a) == leaves(b)
         else:
-            equal = np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
+            equal = bits(a) == bits(b) if isinstance(a, np.ndarray) else a == b
         if not equal:
             return False
     return True
+
+
+def bits(array: np.ndarray) -> tuple:
+    return array.shape, array.tobytes()
 
 
 def leaves(state) -> list[bytes]:

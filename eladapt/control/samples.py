@@ -1,0 +1,44 @@
+"""What a controller makes of the time between two samples, and of samples that no robot can have made."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from eladapt.errors import ArgumentError, require_number
+from eladapt.signals import Measurement, Regression
+
+LONGEST_STEP = 10.0  # times the nominal one
+CLOCK_ROUNDING = 1e-6  # of a step: time stamps that agree with dt to this part are dt
+
+
+def checked_step(dt: float, nominal: float | None) -> float:
+    """dt [s], positive and at most LONGEST_STEP times the nominal one. Raises ArgumentError."""
+    dt = require_number("dt", dt, 0)
+    if nominal is not None and dt > LONGEST_STEP * nominal:
+        raise ArgumentError(
+            f"dt: expected at most {LONGEST_STEP:g} times the {nominal:g} s that the gains were "
+            f"made for, got {dt:g} s; make the controller for the step that it gets"
+        )
+    return dt
+
+
+def elapsed(before: float, now: float, dt: float) -> tuple[float, bool]:
+    """The time [s] over which to advance, and whether samples are missing in between."""
+    passed = now - before
+    if passed < 0:
+        raise ArgumentError(f"measurement.t: expected {before} s or later, got {now} s")
+    if abs(passed - dt) <= CLOCK_ROUNDING * dt + 4 * math.ulp(now):
+        return dt, False
+    return (passed, False) if abs(passed - dt) <= 0.5 * dt else (dt, True)
+
+
+def require_finite(regression: Regression, measurement: Measurement) -> None:
+    """Raises ArgumentError for a measurement that makes the regression overflow."""
+    size = np.vdot(regression.omega, regression.omega) + np.vdot(regression.y, regression.y)
+    if not math.isfinite(size):
+        raise ArgumentError(
+            "measurement: expected magnitudes of a robot, the regression overflows at "
+            f"|v| = {np.abs(measurement.v).max():g}, |tau| = {np.abs(measurement.tau).max():g}"
+        )

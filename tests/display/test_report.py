@@ -1,0 +1,144 @@
+"""The report is one file that says all there is to a run, and asks nobody for anything."""
+
+import html.parser
+import re
+
+import numpy as np
+import pytest
+from display_records import loaded
+
+import eladapt as ea
+from eladapt.display import charts, tables
+from eladapt.display.page import POLICY
+from eladapt.errors import ArgumentError
+
+
+@pytest.fixture(scope="module")
+def record():
+    robot = ea.Robot.load("two_link")
+    controller = ea.CompositeController.for_robot(robot)
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), noise=ea.Noise(1e-9, 1e-9), seed=7)
+    return ea.simulate(controller, plant, robot.configuration(robot.target), 0.3, progress=False)
+
+
+def test_the_page_loads_nothing_and_may_not(record, tmp_path):
+    text = ea.report(record, tmp_path / "run.html").read_text("utf-8")
+    loads, policies = [], []
+
+    class Reader(html.parser.HTMLParser):
+        def handle_starttag(self, tag, attributes):
+            loads.extend((tag, name) for name, value in attributes if name in ("src", "href") and value)
+            policies.extend(value for name, value in attributes if name == "content" and "src" in value)
+
+    Reader().feed(text)
+    assert loads == []
+    assert policies[0] == POLICY
+    assert text.index("Content-Security-Policy") < text.index("<script"), "before any code"
+
+
+def test_setup_says_robot_plant_seed_and_versions(record):
+    text = tables.setup(record)
+    for said in ("two_link: 2 joints, shoulder, elbow", "PinocchioPlant", "7 (noise of PinocchioPlant)",
+                 "numpy", "301 at steps of 0.001 s", "CompositeController: ForceBalance"):  # fmt: skip
+        assert said in text
+
+
+def test_gains_come_with_the_rule_that_set_each(record):
+    text = tables.gains(record)
+    for gain in ("P", "D", "D_L", "pole", "Gamma", "Upsilon"):
+        assert f"<td>{gain}</td>" in text
+    assert "1.5 P^(3/4)" in text
+
+
+def test_a_controller_without_rules_still_shows_its_gains(record):
+    made = ea.paper.run("C1", case=1, duration=0.01)
+    assert "control.P" in tables.gains(made) or "P</td>" in tables.gains(made)
+
+
+def test_metrics_are_those_of_the_record(record):
+    text = tables.metrics([record], ["a <run>"])
+    for value in record.metrics():
+        assert f">{'never' if value == np.inf else tables.figure(value)}<" in text
+    assert "a &lt;run&gt;" in text, "a title cannot become markup"
+
+
+def test_certificates_are_kept_and_shown(record, tmp_path):
+    robot = ea.Robot.load("two_link")
+    certificate = ea.certify(ea.CompositeController.for_robot(robot), samples=5)
+    text = tables.certificates([tables.plain_certificate(certificate)])
+    assert text.count("<tr>") == len(certificate) + 1
+    for row in certificate:
+        assert tables.html.escape(row.name) in text
+    assert "No certificates" in tables.certificates([])
+    page = ea.report(record, tmp_path / "run.html", certificates=[certificate], animation=False)
+    assert certificate.title in page.read_text("utf-8")
+
+
+def lines_of(chart):
+    return {r.name: (r.data_source.data["t"], r.data_source.data["y"]) for r in chart.renderers}
+
+
+def test_charts_hold_the_records_values(record):
+    """Single precision on the page, so relative 1e-6; logarithmic ones end at 1e-12."""
+    error, arrival, velocity, torque = charts.motion(record)[:4]
+    for chart, values in ((error, record.error), (velocity, record.v), (torque, record.tau)):
+        for name, column in zip(record.joint_names, values.T, strict=True):
+            np.testing.assert_allclose(lines_of(chart)[name][1], column, rtol=1e-6, atol=1e-9)
+    assert arrival.y_scale.__class__.__name__ == "LogScale"
+    assert min(np.min(y) for _, y in lines_of(arrival).values()) >= 0.99e-12
+
+
+def test_bounds_and_true_values_of_the_estimates_are_drawn(record):
+    j = record.theta.shape[1]
+    law = {**record.configuration["controller"], "law": {"bounds": [2.0] * j}}
+    bounded = ea.Record(**{**vars(record), "configuration": {"controller": law}})
+    np.testing.assert_array_equal(charts.bounds_of(bounded), np.tile([-2.0, 2.0], (j, 1)))
+    levels = [span.location for span in charts.learning(bounded)[0].center if hasattr(span, "location")]
+    expected = sorted([*record.theta_true, *[2.0] * j, *[-2.0] * j])
+    assert sorted(x for x in levels if isinstance(x, float)) == pytest.approx(expected)
+
+
+def test_torques_are_drawn_against_their_limits(record_of):
+    drawn = charts.motion(record_of("panda"))
+    share = next(chart for chart in drawn if "share" in chart.title.text)
+    assert {span.location for span in share.center if hasattr(span, "location")} >= {-1.0, 1.0}
+    assert share.y_range.end > 1
+
+
+def test_a_load_has_a_chart():
+    titles = [chart.title.text for chart in charts.learning(loaded())]
+    assert "load, as estimated" in titles
+
+
+def test_several_records_are_compared(record, record_of, tmp_path):
+    other = record_of("panda")
+    page = ea.report([record, other], tmp_path / "both.html", labels=["one", "other"], animation=False)
+    text = page.read_text("utf-8")
+    assert "2 runs" in text
+    compared = charts.comparison([record, other], ["one", "other"])
+    assert set(lines_of(compared[0])) == {"one", "other"}
+    np.testing.assert_allclose(
+        lines_of(compared[0])["one"][1], np.maximum(np.abs(record.error).max(axis=1), 1e-12), rtol=1e-6
+    )
+
+
+def test_records_of_the_same_title_are_told_apart(record, tmp_path):
+    page = ea.report([record, record], tmp_path / "both.html", animation=False)
+    assert re.search(rf"{record.title} \(2\)", page.read_text("utf-8"))
+
+
+def test_a_run_that_diverged_has_a_report(record_of, tmp_path):
+    q = record_of("two_link").q.copy()
+    q[501:] = np.nan
+    broken = record_of("two_link", q=q, error=np.where(np.isnan(q), np.nan, 0.1))
+    ea.report(broken, tmp_path / "run.html")
+
+
+def test_wrong_arguments_are_named(record, tmp_path):
+    with pytest.raises(ArgumentError, match=r"\.html"):
+        ea.report(record, tmp_path / "run.pdf")
+    with pytest.raises(ArgumentError, match="labels: expected 1"):
+        ea.report(record, tmp_path / "run.html", labels=["a", "b"])
+    with pytest.raises(ArgumentError, match="records"):
+        ea.report([], tmp_path / "run.html")
+    assert not list(tmp_path.iterdir())

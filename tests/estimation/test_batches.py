@@ -1,0 +1,145 @@
+"""Many estimators in one call, compiled or not: the same figures as one by one."""
+
+import dataclasses
+import sys
+
+import numpy as np
+import pytest
+from shared import load
+
+import eladapt as ea
+import eladapt.estimation
+from eladapt.errors import ArgumentError
+from eladapt.estimation import triangle
+from eladapt.estimation.excitation import GateMonitor
+from eladapt.estimation.triangle import accumulate, directions
+
+DT, MANY, STEPS = 1e-3, 3, 60
+PATHS = [False, pytest.param(True, id="compiled")]
+ROUNDING = 1e-10  # of the largest entry: sums in another order, through a triangle that divides
+
+
+def trajectories(robot: ea.Robot, rng: np.random.Generator) -> list[list[ea.Measurement]]:
+    """Free motions under random held torques."""
+    runs = []
+    for _ in range(MANY):
+        plant = ea.PinocchioPlant(robot, robot.random_configuration(rng), rng.normal(size=robot.nv))
+        effort = 0.2 * np.where(np.isfinite(robot.effort_limit), robot.effort_limit, 5.0)
+        runs.append(
+            [plant.reset(), *(plant.step(effort * rng.normal(size=robot.nv), DT) for _ in range(STEPS))]
+        )
+    return runs
+
+
+def stacked(runs: list[list[ea.Measurement]], k: int) -> ea.Measurement:
+    return ea.Measurement(runs[0][k].t, *(np.array([run[k][i] for run in runs]) for i in (1, 2, 3)))
+
+
+def chain(regression, extension, mixing, law, reg, run, rng_theta, lead=()):
+    """The line of estimation over a trajectory: (information, mixed, theta) at its end."""
+    filters, information = regression.init(run[0]), extension.init(len(reg), *([lead] if lead else []))
+    theta, mixed = rng_theta, mixing.mix(information, reg.n_potential)
+    monitor = GateMonitor()
+    excitation = monitor.init(np.shape(mixed.delta) or (1,))
+    still = np.zeros((*lead, reg.robot.nv))
+    for measurement in run[1:]:
+        filters, found = regression.step(filters, measurement, DT)
+        information = extension.step(information, found, DT)
+        mixed = mixing.mix(information, reg.n_potential)
+        excitation = monitor.step(excitation, mixed, DT)
+        psi = np.zeros((*lead, reg.robot.nv, reg.n_potential))
+        theta = law.step(theta, psi, still, still, mixed, DT, excitation.gates)
+    return information, mixed, theta
+
+
+def close(one, other, what):
+    size = max(np.abs(one).max(initial=0), 1e-300)
+    assert np.abs(np.asarray(one) - other).max(initial=0) <= ROUNDING * size, what
+
+
+@pytest.mark.parametrize("compiled", PATHS)
+@pytest.mark.parametrize("name", ["two_link", "ur5", "kinova", "talos_left_arm"])
+@pytest.mark.parametrize("balance", [ea.ForceBalance, ea.PowerBalance])
+@pytest.mark.parametrize("extension", [ea.LeastSquares(), ea.Kreisselmeier()], ids=["ls", "kre"])
+def test_many_estimators_in_one_call_are_the_single_ones(name, balance, extension, compiled, rng):
+    """Regression, extension, directional mixing and law with a leading axis, against one by one in numpy."""
+    reg = ea.Regressors(load(name))
+    runs = trajectories(reg.robot, rng)
+    theta = rng.normal(size=(MANY, reg.n_potential))
+    law = ea.CompositeLaw()
+    together = [stacked(runs, k) for k in range(STEPS + 1)]
+    many = dataclasses.replace(extension, compiled=compiled)
+    information, mixed, last = chain(
+        balance(reg), many, ea.Directional(compiled), law, reg, together, theta, (MANY,)
+    )
+    for b, run in enumerate(runs):
+        one, lone, single = chain(balance(reg), extension, ea.Directional(), law, reg, run, theta[b])
+        close(one.triangle.T @ one.triangle, information.triangle[b].T @ information.triangle[b], "R")
+        close(one.prior, np.broadcast_to(information.prior, (MANY,))[b], "prior")
+        close(lone.delta, mixed.delta[b], "gates")
+        assert np.abs(single - last[b]).max() <= 1e-6, "theta, a square root away from rounding"
+
+
+@pytest.mark.parametrize("name", ["two_link", "panda"])
+def test_compiled_controller_is_the_default_one(name):
+    """A closed-loop run with every kernel compiled, beside the same run in numpy."""
+    robot = load(name)
+    records = []
+    for compiled in (False, True):
+        controller = ea.CompositeController.for_robot(robot, compiled=compiled)
+        plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+        records.append(
+            ea.simulate(controller, plant, robot.configuration(robot.target), 2.0, DT, progress=False)
+        )
+    plain, fast = records
+    # Rounding grows along the motion, through fractional powers, until both have arrived.
+    assert np.abs(plain.q - fast.q).max() <= 1e-6
+    assert np.abs(plain.theta - fast.theta)[-1].max() <= 1e-5 * np.abs(plain.theta[-1]).max()
+    assert np.abs(fast.error[-1]).max() <= max(1e-6, 2 * np.abs(plain.error[-1]).max())
+
+
+@pytest.mark.parametrize("compiled", PATHS)
+def test_directions_stay_orthogonal_over_many_steps(compiled, rng):
+    """Warm-started rotations do not let rounding add up: V'V = I and T V = U Sigma after 3000 updates."""
+    size, k = 9, 5
+    factor, basis = np.zeros((size + 1, size + 1)), np.eye(k)
+    for _ in range(3000):
+        rows = ea.Regression(rng.normal(size=3), rng.normal(size=(3, size)) * np.logspace(0, -4, size))
+        factor = accumulate(factor, 0.99, 0.01, rows, compiled)
+        found = directions(factor, size - k, basis, compiled)
+        basis = np.ascontiguousarray(found.basis)
+    block = factor[size - k : size, size - k : size]
+    np.testing.assert_allclose(basis.T @ basis, np.eye(k), atol=1e-13)
+    np.testing.assert_allclose(found.singular, np.linalg.svd(block, compute_uv=False), rtol=1e-10)
+    solved = np.linalg.solve(block, factor[size - k : size, size])
+    np.testing.assert_allclose(basis @ found.estimate, solved, rtol=1e-8)
+
+
+def test_least_squares_never_forgets_below_the_floor(rng):
+    """The weakest direction, followed by inverse iteration, keeps z f0 + lambda_min >= 1/xi, within 1 %."""
+    extension = ea.LeastSquares(alpha=1.0, beta=50.0, xi=1e4, f0=1e-3)
+    information = extension.init(6)
+    direction = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    for k in range(4000):
+        seen = direction[:, k // 500 % 5]  # one direction after the other; the sixth never
+        information = extension.step(information, ea.Regression(np.zeros(1), seen[None]), DT)
+        least = np.linalg.svd(information.triangle[:-1, :-1], compute_uv=False)[-1] ** 2
+        assert information.prior + least >= 0.99e-4
+
+
+def test_a_kernel_without_numba_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "eladapt.estimation.kernels", None)
+    monkeypatch.delattr(eladapt.estimation, "kernels", raising=False)
+    triangle.kernels.cache_clear()
+    extension = ea.LeastSquares(compiled=True)
+    information, rows = extension.init(2), ea.Regression(np.zeros(1), np.zeros((1, 2)))
+    with pytest.raises(ea.EladaptError, match=r"eladapt\[fast\]"):
+        extension.step(information, rows, DT)
+    triangle.kernels.cache_clear()
+
+
+def test_forgetting_faster_than_the_step_is_refused():
+    extension = ea.LeastSquares(beta=2000.0)
+    information = extension.init(2)._replace(triangle=np.diag([1e3, 1e3, 0.0]))
+    with pytest.raises(ArgumentError, match="dt < 1/beta"):
+        extension.step(information, ea.Regression(np.ones(2), np.eye(2)), DT)
