@@ -5,13 +5,16 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo test check clean
+.PHONY: demo test nightly check clean
 
 demo: .venv/installed  ## the paper's arm: table, plot and animation under out/
 	$(BIN)/python examples/two_link.py
 
 test: .venv/installed  ## all tests but the slow ones, on all cores
 	$(BIN)/python -m pytest -q -n auto -m "not slow"
+
+nightly: .venv/installed  ## 100,000 random inputs to a controller, bare and behind its gate
+	$(BIN)/python -m pytest -q -n auto --hypothesis-profile=nightly tests/test_any_input.py
 
 check: .venv/installed  ## lint, format and types
 	$(BIN)/ruff check .

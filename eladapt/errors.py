@@ -98,7 +98,10 @@ class RankWarning(UserWarning):
 def require_vector(name: str, value: Any, size: int) -> np.ndarray:
     """``value`` as a float vector of shape (size,); ArgumentError when it is not, or not finite."""
     try:
-        vector = np.asarray(value, dtype=float)
+        given = np.asarray(value)
+        if given.dtype.kind == "c":  # numpy would drop the imaginary parts
+            raise TypeError("complex numbers")
+        vector = np.asarray(given, dtype=float)
     except (TypeError, ValueError) as reason:
         raise ArgumentError(f"{name}: expected {size} numbers, got {value!r} ({reason})") from None
     if vector.shape != (size,):

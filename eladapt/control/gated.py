@@ -88,9 +88,13 @@ class GatedController:
     ) -> tuple[GatedState, np.ndarray]:
         """The state at ``measurement`` and the torque (nv,) to hold for dt [s].
 
-        Raises ArgumentError for a dt that is no positive number, and for nothing else.
+        Raises ArgumentError for a dt that is not positive or above the gate's max_age, and for nothing else.
         """
         dt = require_number("dt", dt, 0)
+        if dt > self.gate.max_age:
+            raise ArgumentError(
+                f"dt: expected at most max_age = {self.gate.max_age:g} s of the gate, got {dt:g} s"
+            )
         inner, trusted, tau = state.inner, state.trusted, state.gate.tau
         gate = self.gate.watch(state.gate, measurement, goal, dt)
         if gate.fault is None and gate.age == 0:
@@ -104,6 +108,7 @@ class GatedController:
             gate = self.gate.coast(gate, dt)
         if gate.fault is not None:
             gate, tau = self.gate.fallback(gate, self._gravity(gate.q, trusted), dt)
+            tau = tau if np.isfinite(tau).all() else gate.tau
         tau = self.gate.limited(gate, tau, dt)
         return GatedState(inner, gate._replace(tau=tau), trusted), tau
 

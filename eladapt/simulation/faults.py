@@ -95,16 +95,17 @@ class Packets(_Fault):
         """The plant's first measurement, with the losses from their seed."""
         self._rng = np.random.default_rng(self.seed)
         self._seen = self.plant.reset()
-        self._held = self._seen.tau
+        self._held, self._t = self._seen.tau, self._seen.t
         return self._seen
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """A step with the command that arrived last, and the measurement that arrived last."""
         away, back, twice = self._rng.random(3)
-        active = self.active(self._seen.t)
+        active = self.active(self._t)
         if not (active and away < self.dropped):
             self._held = np.array(tau, dtype=float)
         measurement = self.plant.step(self._held, dt)
+        self._t = measurement.t
         if not (active and (back < self.dropped or twice < self.duplicated)):
             self._seen = measurement
         return self._seen
