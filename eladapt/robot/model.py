@@ -29,6 +29,7 @@ from eladapt.robot.reading import (
 )
 from eladapt.signals import Measurement
 
+LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
 
 
@@ -290,15 +291,21 @@ class Robot:
     def check_measurement(self, measurement: Measurement) -> Measurement:
         """The measurement with float vectors of its own, so that a driver may reuse its buffers.
 
-        Raises ArgumentError, naming the field, for wrong shapes and for what is not finite.
+        Raises ArgumentError, naming the field, for wrong shapes, for what is not finite, and for what is no
+        arm's: a filter that has taken in 1e80 rad/s is of no use for any sample after.
         """
         t, q, v, tau = measurement
-        return Measurement(
+        checked = Measurement(
             require_number("measurement.t", t, -np.finfo(float).max),
             self.check_q(q, "measurement.q").copy(),
             self.check_v(v, "measurement.v").copy(),
             self.check_v(tau, "measurement.tau").copy(),
         )
+        for name in ("q", "v", "tau"):
+            vector = getattr(checked, name)
+            if vector.dot(vector) > LARGEST**2:
+                raise ArgumentError(f"measurement.{name}: expected sizes up to {LARGEST:g}, got {vector}")
+        return checked
 
     def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
