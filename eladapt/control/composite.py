@@ -15,7 +15,7 @@ from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
 from eladapt.control.hardware import QUIET_XI, Hardware
-from eladapt.control.samples import checked_step, elapsed, require_finite
+from eladapt.control.samples import checked_step, elapsed
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import Change, ChangeDetector
@@ -203,7 +203,7 @@ class CompositeController:
         everything by the true time; with a larger gap the torque in between is not known, so the filters
         start afresh, which makes them exact from their next step, and the information stays.
 
-        Raises ArgumentError for wrong shapes, numbers that are not finite or overflow, time running back,
+        Raises ArgumentError for wrong shapes, numbers that are not finite or no arm's, time running back,
         and a dt that is not positive or above ten times ``nominal_dt``; the state given stays valid.
         """
         robot = self.robot
@@ -290,7 +290,6 @@ class CompositeController:
             regression = Regression(filters.y, filters.omega)
         else:
             filters, regression = self.regression.step(state.filters, measurement, dt)
-            require_finite(regression, measurement)
             information = self.extension.step(information, regression, dt)
         if self.detector and change and not gap:
             change = self.detector.step(

@@ -1,13 +1,10 @@
-"""What a controller makes of the time between two samples, and of samples that no robot can have made."""
+"""What a controller makes of the time between two samples."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from eladapt.errors import ArgumentError, require_number
-from eladapt.signals import Measurement, Regression
 
 LONGEST_STEP = 10.0  # times the nominal one
 CLOCK_ROUNDING = 1e-6  # of a step: time stamps that agree with dt to this part are dt
@@ -32,13 +29,3 @@ def elapsed(before: float, now: float, dt: float) -> tuple[float, bool]:
     if abs(passed - dt) <= CLOCK_ROUNDING * dt + 4 * math.ulp(now):
         return dt, False
     return (passed, False) if abs(passed - dt) <= 0.5 * dt else (dt, True)
-
-
-def require_finite(regression: Regression, measurement: Measurement) -> None:
-    """Raises ArgumentError for a measurement that makes the regression overflow."""
-    size = np.vdot(regression.omega, regression.omega) + np.vdot(regression.y, regression.y)
-    if not math.isfinite(size):
-        raise ArgumentError(
-            "measurement: expected magnitudes of a robot, the regression overflows at "
-            f"|v| = {np.abs(measurement.v).max():g}, |tau| = {np.abs(measurement.tau).max():g}"
-        )

@@ -295,17 +295,15 @@ class Robot:
         arm's: a filter that has taken in 1e80 rad/s is of no use for any sample after.
         """
         t, q, v, tau = measurement
-        checked = Measurement(
-            require_number("measurement.t", t, -np.finfo(float).max),
-            self.check_q(q, "measurement.q").copy(),
-            self.check_v(v, "measurement.v").copy(),
-            self.check_v(tau, "measurement.tau").copy(),
-        )
-        for name in ("q", "v", "tau"):
-            vector = getattr(checked, name)
-            if vector.dot(vector) > LARGEST**2:
-                raise ArgumentError(f"measurement.{name}: expected sizes up to {LARGEST:g}, got {vector}")
-        return checked
+        t = require_number("measurement.t", t, -np.finfo(float).max)
+        q = self.check_q(q, "measurement.q").copy()
+        v, tau = self.check_v(v, "measurement.v").copy(), self.check_v(tau, "measurement.tau").copy()
+        if q.dot(q) + v.dot(v) + tau.dot(tau) > LARGEST**2:
+            name, vector = max(
+                (("q", q), ("v", v), ("tau", tau)), key=lambda pair: float(np.abs(pair[1]).max())
+            )
+            raise ArgumentError(f"measurement.{name}: expected sizes up to {LARGEST:g}, got {vector}")
+        return Measurement(t, q, v, tau)
 
     def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
