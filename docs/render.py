@@ -3,8 +3,8 @@
     python docs/render.py                  # all of them (some minutes)
     python docs/render.py panda own_law    # these examples' alone
 
-A thumbnail is the arm on its way, as Chromium draws the example's animation; the paper's is
-its first figure. The examples panda and paper make the README's pictures as well.
+A thumbnail is the arm on its way, as Chromium draws the example's animation, or a figure of an example
+that has none. The examples panda and paper make the README's pictures as well.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ FLAGS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "-
 # When the motion looks best [s], and which file shows it where that has another name.
 MOMENT = {"panda": 0.45, "panda_payload": 5.5, "two_link": 0.5, "ur5_waypoints": 2.25,
           "kinova_continuous": 0.4, "talos_armature": 0.4, "own_urdf": 0.1, "own_law": 0.5}  # fmt: skip
+PLOTS = {"paper": "paper_case1_motion.png", "hardware_loop": "hardware_loop.png"}  # no animation
 SHOWS = {"own_urdf": "own_two_link"}
 ARGUMENTS = {"own_urdf": [str(DOCS.parent / "robots" / "two_link.urdf")]}
 
@@ -53,7 +54,7 @@ def main() -> None:
         folder = options.out or temporary
         out = Path(folder)
         for name in wanted:
-            if any((out / f"{SHOWS.get(name, name)}.{kind}").exists() for kind in ("html", "md")):
+            if any((out / f"{SHOWS.get(name, name)}.{kind}").exists() for kind in ("html", "md", "npz")):
                 continue
             print(f"{name} ...", flush=True)
             command = [sys.executable, str(EXAMPLES / f"{name}.py"), *ARGUMENTS.get(name, [])]
@@ -62,8 +63,8 @@ def main() -> None:
             subprocess.run(command, check=True, env=environment, stdout=subprocess.DEVNULL)
         with chromium() as browser:
             for name in wanted:
-                if name == "paper":
-                    picture = Image.open(out / "paper_case1_motion.png").convert("RGB")
+                if name in PLOTS:
+                    picture = Image.open(out / PLOTS[name]).convert("RGB")
                 else:
                     animation = out / f"{SHOWS.get(name, name)}.html"
                     picture = scene(browser, animation, MOMENT[name], (640, 480), legend=False)

@@ -80,8 +80,8 @@ def feed(live, seconds, posture, goal=None, mass=0.0):
 def test_the_newest_posture_is_drawn(live, robot):
     """Joint placements are those of forward kinematics, and the ghost's those of the set-point."""
     q, goal = robot.configuration([0.4, -1.1]), robot.configuration([2.0, 0.3])
-    thread = feed(live, 1.5, lambda _t: q, goal, mass=2.0)
-    commands = listen(live.url, 1.0)
+    thread = feed(live, 4.0, lambda _t: q, goal, mass=2.0)  # long enough for a server that starts slowly
+    commands = listen(live.url, 3.0)
     thread.join()
     placed = {
         c["path"]: np.array(c["matrix"]).reshape(4, 4).T for c in commands if c["type"] == "set_transform"
@@ -240,15 +240,17 @@ def test_who_was_too_slow_for_a_frame_gets_the_last_one(robot):
 def test_a_mesh_from_elsewhere_is_refused_by_name(tmp_path):
     """As in a recording: the server's own process says so to the one that asked."""
     (tmp_path / "robot").mkdir()
-    secret = tmp_path / "secret.stl"
+    secret, mesh = tmp_path / "secret.stl", tmp_path / "robot" / "link.stl"
     secret.write_text("solid one\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
                       "endloop\nendfacet\nendsolid one\n")  # fmt: skip
     (tmp_path / "robot" / "arm.urdf").write_text(
         f"""<robot name="arm"><link name="base"/><link name="link"><inertial><mass value="1"/>
         <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
-        <visual><geometry><mesh filename="{secret}"/></geometry></visual></link>
+        <visual><geometry><mesh filename="{mesh}"/></geometry></visual></link>
         <joint name="hinge" type="revolute"><parent link="base"/><child link="link"/>
         <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="20" velocity="3"/></joint></robot>"""
     )
+    robot = ea.Robot.from_urdf(tmp_path / "robot" / "arm.urdf")
+    mesh.symlink_to(secret)  # exchanged since the robot was made, which would have been refused
     with pytest.raises(ArgumentError, match="lies outside the folders"):
-        ea.view(ea.Robot.from_urdf(tmp_path / "robot" / "arm.urdf"), live=True)
+        ea.view(robot, live=True)
