@@ -314,9 +314,7 @@ class CompositeController:
         disturbance = state.disturbance
         if self.disturbance and disturbance is not None and not gap:
             _, q, v, tau = measurement
-            acceleration = (v - before.v) / dt
-            inertial = self.robot.inverse_dynamics(q, v, acceleration, check=False)
-            inertial -= self.robot.gravity(q, check=False)
+            inertial = self.robot.inertial_torque(q, v, (v - before.v) / dt)
             feedback = tau - psi @ state.theta
             disturbance = self.disturbance.step(disturbance, inertial, feedback, dt)
         return ControllerState(

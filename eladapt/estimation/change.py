@@ -76,10 +76,10 @@ class ChangeDetector:
             _, known, seen = change.trusted
             now = Snapshot(t, theta, after)
             return Change(change.noticed + 1, t, 0.0, change.level, known, seen, now, now)
-        share = min(1.0, dt / self.memory)
-        level = change.level + share * (min(square, limit) - change.level)
+        level = change.level + min(1.0, dt / self.memory) * (min(square, limit) - change.level)
         kept = after.prior / before.prior if before.prior > 0 else 1.0
-        change = change._replace(level=level, steps=kept * change.steps + 1)
-        if t - change.recent.t >= self.margin:
-            change = change._replace(recent=Snapshot(t, theta, before), trusted=change.recent)
-        return change
+        recent, trusted = change.recent, change.trusted
+        if t - recent.t >= self.margin:
+            recent, trusted = Snapshot(t, theta, before), recent
+        known, seen, steps = change.theta_before, change.information_before, kept * change.steps + 1
+        return Change(change.noticed, change.t, steps, level, known, seen, recent, trusted)

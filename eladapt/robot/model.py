@@ -56,8 +56,9 @@ class Robot:
         object.__setattr__(self, "_data", self.model.createData())
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a pickle holds: all but Pinocchio's scratch, ten times the size of the rest."""
-        return {**vars(self), "_data": None}
+        """What a pickle holds: all but Pinocchio's scratch, ten times the size of the rest, and copies."""
+        kept = {name: value for name, value in vars(self).items() if name != "weightless"}
+        return {**kept, "_data": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state, _data=state["model"].createData())
@@ -190,13 +191,21 @@ class Robot:
             pin.computeGeneralizedGravity(self.model, self._data, self.check_q(q) if check else q)
         )
 
-    def inverse_dynamics(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, check: bool = True
-    ) -> np.ndarray:
-        """M a + C v + g (nv,). check: whether the arguments are to be validated."""
-        if check:
-            q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
+    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """M a + C v + g (nv,)."""
+        q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
         return np.array(pin.rnea(self.model, self._data, q, v, a))
+
+    def inertial_torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """M a + C v (nv,) without gravity, for arguments that were validated."""
+        return np.array(pin.rnea(self.weightless, self._data, q, v, a))
+
+    @functools.cached_property
+    def weightless(self) -> pin.Model:
+        """A copy of the model without gravity."""
+        model = self.model.copy()
+        model.gravity = pin.Motion.Zero()
+        return model
 
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """The acceleration M^-1 (tau - C v - g) (nv,)."""

@@ -169,7 +169,9 @@ class Regressors:
             q, v, a = self.robot.check_q(q), self.robot.check_v(v), self.robot.check_v(a, "a")
         if self._one_base:
             standard = self._standard.torque(q, v, a)
-            rows = standard.reshape(-1, standard.shape[-1]) @ self._kinetic_map
+            if v.ndim == 1:
+                return self._add_friction(standard @ self._kinetic_map, v)
+            rows = standard.reshape(-1, standard.shape[-1]) @ self._kinetic_map  # one product for all
             return self._add_friction(rows.reshape(*v.shape, -1), v)
         if v.ndim > 1:
             return np.array([self.torque(*state, check=False) for state in zip(q, v, a, strict=True)])

@@ -23,8 +23,7 @@ class StandardRegressors:
     def __init__(self, robot: Robot):
         self.robot = robot
         self._data = robot.model.createData()
-        self._weightless = robot.model.copy()
-        self._weightless.gravity = pin.Motion.Zero()
+        self._weightless = robot.weightless
         self._rotors = np.flatnonzero(robot.armature)
         self._rotor_columns = np.eye(robot.nv)[:, self._rotors]
         self._still = np.zeros(robot.nv)
