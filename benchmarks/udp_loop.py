@@ -45,9 +45,11 @@ def run(name: str, duration: float, priority: int | None, compiled: bool) -> tup
 
 def leg_errors(record: ea.Record) -> np.ndarray:
     """[rad] the largest error in the last second of every leg."""
-    t, error = record.t - record.t[0], np.abs(record.error).max(axis=1)
-    ends = [*np.arange(LEG, t[-1], LEG), t[-1]]
-    return np.array([error[(t > end - 1) & (t < end - DT)].max() for end in ends])
+    t, error = record.t, np.abs(record.error).max(axis=1)
+    ends = list(np.flatnonzero(np.any(np.diff(record.goal, axis=0) != 0, axis=1)))
+    if not ends or t[-1] - t[ends[-1]] > 0.5 * LEG:  # else the last leg has only begun
+        ends.append(len(t) - 1)
+    return np.array([error[(t > t[end] - 1) & (np.arange(len(t)) <= end)].max() for end in ends])
 
 
 def main() -> None:
