@@ -46,7 +46,7 @@ def run(name: str, duration: float, priority: int | None, compiled: bool) -> tup
 def leg_errors(record: ea.Record) -> np.ndarray:
     """[rad] the largest error in the last second of every leg."""
     t, error = record.t, np.abs(record.error).max(axis=1)
-    ends = list(np.flatnonzero(np.any(np.diff(record.goal, axis=0) != 0, axis=1)))
+    ends = np.flatnonzero(np.any(np.diff(record.goal, axis=0) != 0, axis=1)).tolist()
     if not ends or t[-1] - t[ends[-1]] > 0.5 * LEG:  # else the last leg has only begun
         ends.append(len(t) - 1)
     return np.array([error[(t > t[end] - 1) & (np.arange(len(t)) <= end)].max() for end in ends])
