@@ -135,9 +135,8 @@ def require_gain(name: str, value: Any, size: int | None = None, *, zero: bool =
 
 def require_number(name: str, value: Any, low: float, high: float = np.inf, *, closed: bool = False) -> float:
     """``value`` as a float in (low, high), or in [low, high] with ``closed``."""
-    if (
-        type(value) is float and low < value < high and value - value == 0
-    ):  # the common case, in a tenth of the time
+    # The common case, in a fifth of the time.
+    if type(value) is float and low < value < high and value - value == 0:
         return value
     try:
         number = float(value)

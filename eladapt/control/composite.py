@@ -225,7 +225,7 @@ class CompositeController:
             feedback = feedback + self.compensation.torque(state.compensation, v, predicted)
         wanted = require_vector("torque of the control law", feedback + psi @ state.theta, robot.nv)
         limit = self.effort_limit
-        return state, np.minimum(np.maximum(wanted, -limit), limit)  # a quarter of np.clip's time
+        return state, np.minimum(np.maximum(wanted, -limit), limit)  # a third of np.clip's time
 
     def friction(self, state: ControllerState) -> FrictionEstimate:
         """Friction of every joint by least squares, nan where it was not excited.

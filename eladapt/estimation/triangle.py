@@ -19,7 +19,7 @@ from scipy.linalg.lapack import dgesdd, dtpqrt, dtrtrs
 from eladapt.errors import ArgumentError, EladaptError
 from eladapt.signals import Regression
 
-LAPACK_BLOCK = 8  # columns; 4 to 16 cost the same within 10 %, 1 or 32 a third more (l = 43)
+LAPACK_BLOCK = 8  # columns; 4 to 16 cost the same within 10 %, 32 a quarter more, 1 twice as much (l = 43)
 
 
 class Directions(NamedTuple):
@@ -75,7 +75,7 @@ def least_eigenvalue(
     """The smallest eigenvalue of R = T'T (a Rayleigh quotient, never below it), and its direction (..., l).
 
     One step of inverse iteration from ``weakest``, that of the sample before. R changes little from one
-    sample to the next, so the direction keeps up with it, at a fiftieth of the cost of singular values.
+    sample to the next, so the direction keeps up with it, at a fifteenth of the cost of singular values.
     """
     if compiled:
         if triangle.ndim == 2:
