@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -15,39 +15,21 @@ from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
 from eladapt.control.hardware import QUIET_XI, Hardware
+from eladapt.control.line import CompiledLine
 from eladapt.control.samples import checked_step, elapsed
+from eladapt.control.state import ControllerState
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
-from eladapt.estimation.change import Change, ChangeDetector
-from eladapt.estimation.excitation import Excitation, GateMonitor
+from eladapt.estimation.change import ChangeDetector
+from eladapt.estimation.excitation import GateMonitor
 from eladapt.estimation.extensions import LeastSquares
-from eladapt.estimation.friction import (
-    CompensationState,
-    FrictionCompensation,
-    FrictionEstimate,
-    estimate_friction,
-)
+from eladapt.estimation.friction import FrictionCompensation, FrictionEstimate, estimate_friction
 from eladapt.estimation.mixing import Directional
 from eladapt.estimation.payload import PayloadEstimate, completed, estimate_payload
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.robot.model import Robot
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
-
-
-class ControllerState(NamedTuple):
-    """Everything that the controller remembers; arrays and NamedTuples of arrays only."""
-
-    measurement: Measurement  # the last one seen
-    theta: np.ndarray  # (n_potential,) estimate of theta_U
-    filters: Any  # of the regression block
-    regression: Regression
-    information: Any  # of the extension block
-    mixed: MixedRegression
-    excitation: Excitation
-    change: Change | None = None  # what the detector noticed
-    compensation: CompensationState | None = None  # what is fed forward against friction
-    disturbance: np.ndarray | None = None  # (nv,) [N m] what the law's prediction lacks
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,16 +198,8 @@ class CompositeController:
         if measurement.t != state.measurement.t:
             state = self._advance(state, measurement, psi, e1, dt)
         mass_matrix = robot.mass_matrix(q, check=False)
-        horizon = max(dt, getattr(self.control, "horizon", None) or dt)
-        if self.disturbance and state.disturbance is not None:
-            v = self.disturbance.velocity(state.disturbance, v, mass_matrix, horizon)
-        feedback = self.control.torque(e1, v, mass_matrix, dt)
-        if self.compensation and state.compensation:
-            predicted = v + horizon * np.linalg.solve(mass_matrix, feedback)
-            feedback = feedback + self.compensation.torque(state.compensation, v, predicted)
-        wanted = require_vector("torque of the control law", feedback + psi @ state.theta, robot.nv)
-        limit = self.effort_limit
-        return state, np.minimum(np.maximum(wanted, -limit), limit)  # a third of np.clip's time
+        tau = self._line.torque(state, psi, e1, v, mass_matrix, dt) if self._line else None
+        return state, self._torque(state, psi, e1, v, mass_matrix, dt) if tau is None else tau
 
     def friction(self, state: ControllerState) -> FrictionEstimate:
         """Friction of every joint by least squares, nan where it was not excited.
@@ -274,6 +248,26 @@ class CompositeController:
     def _monitor(self) -> GateMonitor:
         return GateMonitor(self.law.b, self.law.d)
 
+    @functools.cached_property
+    def _line(self) -> CompiledLine | None:
+        return CompiledLine.of(self)
+
+    def _torque(
+        self, state: ControllerState, psi: np.ndarray, e1: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray,
+        dt: float,
+    ) -> np.ndarray:  # fmt: skip
+        """Feedback and feed-forward, clipped."""
+        horizon = max(dt, getattr(self.control, "horizon", None) or dt)
+        if self.disturbance and state.disturbance is not None:
+            v = self.disturbance.velocity(state.disturbance, v, mass_matrix, horizon)
+        feedback = self.control.torque(e1, v, mass_matrix, dt)
+        if self.compensation and state.compensation:
+            predicted = v + horizon * np.linalg.solve(mass_matrix, feedback)
+            feedback = feedback + self.compensation.torque(state.compensation, v, predicted)
+        wanted = require_vector("torque of the control law", feedback + psi @ state.theta, self.robot.nv)
+        limit = self.effort_limit
+        return np.minimum(np.maximum(wanted, -limit), limit)  # a third of np.clip's time
+
     def _mix(self, information: Any, before: MixedRegression) -> MixedRegression:
         j = self.regressors.n_potential
         if isinstance(self.mixing, Directional) and self.mixing.compiled:
@@ -285,6 +279,10 @@ class CompositeController:
     ) -> ControllerState:
         before, information, change = state.measurement, state.information, state.change
         dt, gap = elapsed(before.t, measurement.t, dt)
+        if self._line and not gap:
+            following = self._line.advance(state, measurement, psi, e1, dt)
+            if following:
+                return following
         if gap:
             filters = self.regression.init(measurement)
             regression = Regression(filters.y, filters.omega)

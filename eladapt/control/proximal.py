@@ -115,6 +115,7 @@ def solve_scalar(u: float, s: float, spring: float, damper: float, linear: float
     return Root(far, near, 1 / slope) if at_spring else Root(near, far, 1 / slope)
 
 
+@jitable
 def solve_coupled(
     e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, P: np.ndarray, D: np.ndarray, D_L: np.ndarray,
     a: float, b: float, horizon: float,
@@ -163,3 +164,18 @@ def solve_coupled(
     end = horizon * x
     torque = -P * np.sign(x) * np.abs(end) ** a - D * np.sign(w) * np.abs(w) ** b - D_L * w
     return Solution(end, w, torque, evaluations, size / scale if scale > 0.0 else 0.0)
+
+
+def command(
+    e1: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray, disturbance: np.ndarray, psi: np.ndarray,
+    theta: np.ndarray, P: np.ndarray, D: np.ndarray, D_L: np.ndarray, a: float, b: float, horizon: float,
+    effort_limit: np.ndarray,
+) -> tuple[np.ndarray, bool]:  # fmt: skip
+    """The torque (nv,) of feedback and known gravity, clipped, and whether it is finite.
+
+    The prediction starts from v + H M^-1 d, see `eladapt.control.disturbance`.
+    """
+    pushed = v + horizon * np.linalg.solve(mass_matrix, disturbance)
+    wanted = solve_coupled(e1, pushed, mass_matrix, P, D, D_L, a, b, horizon).torque + psi @ theta
+    finite = bool(np.isfinite(wanted).all())
+    return np.minimum(np.maximum(wanted, -effort_limit), effort_limit), finite

@@ -85,7 +85,7 @@ class CompositeLaw:
             theta = self._compiled_step(theta, psi, e1, e2, mixed, gates, dt)
         else:
             if self.direct:
-                position, velocity = self._direct_factors
+                position, velocity = self.direct_factors
                 drive = position * np.tanh(e1) + velocity * e2
                 theta = theta - dt * self.Gamma * (drive[..., None, :] @ psi)[..., 0, :]
             if self.indirect and theta.shape[-1]:
@@ -95,12 +95,12 @@ class CompositeLaw:
         return theta
 
     @functools.cached_property
-    def _direct_factors(self) -> tuple[float, float]:
+    def direct_factors(self) -> tuple[float, float]:
         """Of tanh(e1) and e2 in (318)."""
         return (self.gamma1 * self.d1, self.gamma1 + self.gamma2) if self.direct else (0.0, 0.0)
 
     @functools.cached_property
-    def _vectors(self) -> tuple[np.ndarray, np.ndarray]:
+    def vectors(self) -> tuple[np.ndarray, np.ndarray]:
         """Gamma and the rate, of one entry or of one a parameter."""
         return np.reshape(self.Gamma, -1), np.reshape(self.rate * self.indirect, -1)
 
@@ -115,8 +115,8 @@ class CompositeLaw:
             psi,
             e1,
             e2,
-            *self._direct_factors,
-            *self._vectors,
+            *self.direct_factors,
+            *self.vectors,
             self.b,
             mixed.Y,
             delta,

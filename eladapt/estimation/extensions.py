@@ -116,16 +116,16 @@ class LeastSquares:
                 *information[:2], information.weakest, regression.omega, regression.y, self.alpha, self.beta,
                 self.xi, dt,
             )  # fmt: skip
-            self._require_kept(kept, dt)
+            self.require_kept(kept, dt)
         else:
             smallest, weakest = least_eigenvalue(before, information.weakest, self.compiled)
             kept = 1 - dt * self.forgetting(information.prior + smallest)
-            self._require_kept(kept, dt)
+            self.require_kept(kept, dt)
             triangle = accumulate(before, kept, weight, regression, self.compiled)
             innovation = _innovation(before, triangle, kept, weight)
         return Information(triangle, kept * information.prior, 1.0, innovation, weakest)
 
-    def _require_kept(self, kept: Any, dt: float) -> None:
+    def require_kept(self, kept: Any, dt: float) -> None:
         if not (kept > 0 if isinstance(kept, float) else np.all(kept > 0)):
             raise ArgumentError(f"dt: expected dt < 1/beta = {1 / self.beta:g} s, got {dt:g} s")
 

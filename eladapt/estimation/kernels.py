@@ -8,14 +8,36 @@ the functions named ``all_...`` have a leading axis and share it out among the p
 
 from __future__ import annotations
 
-from math import copysign, sqrt
+from math import copysign, exp, expm1, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
 
 ROTATED = 1e-15  # cosine between two columns that counts as orthogonal
-SWEEPS = 40  # 6 or 7 from nothing, 4 or 5 from the sample before (panda); the last finds nothing to do
+SETTLED = 1e-7  # a sweep of rotations this small leaves cosines of its square: it was the last
+SWEEPS = 40  # 5 or 6 from nothing, 2 or 3 from the sample before (panda)
 TINY = 1e-300
+REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faster
+
+
+class LineGains(NamedTuple):
+    """What `advance` needs to know of the blocks; vectors have one entry, or one a joint or parameter."""
+
+    pole: float  # of the force balance
+    row_weight: np.ndarray  # (nv,)
+    alpha: float  # of least squares
+    beta: float
+    xi: float
+    dust: float  # of the directional mixing
+    gate_exponent: float  # b + d of the adaptation law
+    b: float
+    position: float  # factors of tanh(e1) and e2 in its direct term
+    velocity: float
+    Gamma: np.ndarray
+    rate: np.ndarray
+    effort_limit: np.ndarray  # (nv,)
+    memory: float  # of the disturbance estimate
 
 
 @njit(cache=True)
@@ -84,7 +106,7 @@ def inverse_iteration(triangle: np.ndarray, start: np.ndarray) -> tuple[float, n
     return 1 / square, whole / sqrt(square)
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=REORDERED)
 def singular_directions(
     triangle: np.ndarray, first: int, basis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
@@ -112,7 +134,7 @@ def singular_directions(
                 total += triangle[first + i, first + k] * vectors[p, k]
             columns[p, i] = total
     for _ in range(SWEEPS):
-        rotated = False
+        settled = True
         for p in range(n - 1):
             for q in range(p + 1, n):
                 alpha = beta = gamma = 0.0
@@ -125,11 +147,12 @@ def singular_directions(
                         columns[p, i], columns[q, i] = columns[q, i], -columns[p, i]
                         vectors[p, i], vectors[q, i] = vectors[q, i], -vectors[p, i]
                     alpha, beta, gamma = beta, alpha, -gamma
-                if abs(gamma) <= ROTATED * sqrt(alpha * beta) or beta < TINY:
+                square, whole = gamma * gamma, alpha * beta
+                if square <= ROTATED * ROTATED * whole or beta < TINY:
                     continue
-                rotated = True
                 zeta = (beta - alpha) / (2 * gamma)
                 tangent = copysign(1.0, zeta) / (abs(zeta) + sqrt(1 + zeta * zeta))
+                settled &= abs(tangent) <= SETTLED and square <= SETTLED * SETTLED * whole
                 cosine = 1 / sqrt(1 + tangent * tangent)
                 sine = cosine * tangent
                 for i in range(n):
@@ -137,7 +160,7 @@ def singular_directions(
                     columns[p, i], columns[q, i] = cosine * a - sine * b, sine * a + cosine * b
                     a, b = vectors[p, i], vectors[q, i]
                     vectors[p, i], vectors[q, i] = cosine * a - sine * b, sine * a + cosine * b
-        if not rotated:
+        if settled:
             break
     singular, estimate = np.zeros(n), np.zeros(n)
     for p in range(n):
@@ -190,10 +213,17 @@ def all_singular_directions(
 @njit(cache=True)
 def path_points(
     points: np.ndarray, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(offsets, velocities, acceleration) at points (2, 1) in [0, 1] of a path whose velocity is linear."""
-    change = after - before
-    return points * moved - (dt / 12) * change, before + points * change, change / dt
+) -> np.ndarray:
+    """(5, nv): two offsets and two velocities at points (2, 1) in [0, 1] of a path whose velocity is linear,
+    and its acceleration."""
+    path = np.empty((5, len(moved)))
+    for i in range(len(moved)):
+        change = after[i] - before[i]
+        for k in range(2):
+            path[k, i] = points[k, 0] * moved[i] - (dt / 12) * change
+            path[2 + k, i] = before[i] + points[k, 0] * change
+        path[4, i] = change / dt
+    return path
 
 
 @njit(cache=True)
@@ -282,3 +312,50 @@ def adapt(
         else:
             result[p] += change
     return result
+
+
+@njit(cache=True)
+def advance(
+    omega: np.ndarray, y: np.ndarray, triangle: np.ndarray, prior: float, weakest: np.ndarray,
+    basis: np.ndarray, integral: np.ndarray, theta: np.ndarray, disturbance: np.ndarray,
+    one: np.ndarray, two: np.ndarray, tau: np.ndarray, v: np.ndarray, psi: np.ndarray, e1: np.ndarray,
+    inertial: np.ndarray, gains: LineGains, dt: float,
+) -> tuple[
+    np.ndarray, np.ndarray, np.ndarray, float, float, np.ndarray, np.ndarray, np.ndarray, np.ndarray,
+    np.ndarray, np.ndarray, np.ndarray, np.ndarray,
+]:  # fmt: skip
+    """The default blocks in line, from the force balance to theta and the disturbance estimate.
+
+    Returns y, omega, triangle, kept, innovation, weakest, Y, delta, basis, gates, integral, theta,
+    disturbance; all but y and disturbance are without meaning where kept <= 0.
+    """
+    rho = exp(-gains.pole * dt)
+    y, omega = filter_rows(omega, y, rho, (1 - rho) * gains.row_weight, one, two, tau)
+    triangle, kept, innovation, weakest = least_squares_step(
+        triangle, prior, weakest, omega, y, gains.alpha, gains.beta, gains.xi, dt
+    )
+    Y, delta, basis = directional_mix(
+        triangle, triangle.shape[0] - 1 - len(theta), basis, kept * prior, 1.0, gains.dust
+    )
+    gates = np.empty_like(delta)
+    for p in range(len(delta)):
+        size = delta[p] ** gains.gate_exponent
+        gates[p] = size / (1 + size)
+    moving_e1, moving_v = e1.copy(), v.copy()
+    for i in range(len(v)):
+        if not abs(tau[i]) < gains.effort_limit[i]:  # clipped: the direct term rests
+            moving_e1[i] = moving_v[i] = 0.0
+    share, following = -expm1(-dt / gains.memory), disturbance.copy()
+    for i in range(len(v)):
+        feedback = tau[i]
+        for p in range(len(theta)):
+            feedback -= psi[i, p] * theta[p]
+        following[i] += share * (inertial[i] - feedback - disturbance[i])
+    theta = adapt(
+        theta, psi, moving_e1, moving_v, gains.position, gains.velocity, gains.Gamma, gains.rate, gains.b,
+        Y, delta, gates, basis, dt,
+    )  # fmt: skip
+    return (
+        y, omega, triangle, kept, innovation, weakest, Y, delta, basis, gates, integral + dt * gates, theta,
+        following,
+    )  # fmt: skip

@@ -85,7 +85,7 @@ class ForceBalance:
         rho, gain = _decay(self.pole, dt)
         _, q, v, tau = measurement
         weight = gain * dt * np.asarray(self.weight)
-        one, two = self._forces(state, q, v, dt)
+        one, two = self.forces(state, q, v, dt)
         if self.compiled and v.ndim == 1:
             y, omega = kernels().filter_rows(state.omega, state.y, rho, weight, one, two, tau)
         else:
@@ -96,20 +96,20 @@ class ForceBalance:
             y, omega = np.where(sliding, y, 0.0), np.where(sliding[..., None], omega, 0.0)
         return FilterState(q, v, y, omega), Regression(y, omega)
 
-    def _forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
+    def forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
         """W(q, v, a) (nv, l) at Gauss's two points of the path from ``state`` to (q, v)."""
         torque, model = self.regressors.torque, self.regressors.robot.model
         if v.ndim > 1:
             return self._forces_of_many(state, q, v, dt)
         moved = pin.difference(model, state.q, q)
         if self.compiled and self.interpolation == "linear":
-            offset, velocity, slope = kernels().path_points(GAUSS, moved, state.v, v, dt)
-            acceleration = (slope, slope)
+            *ways, one, two, slope = kernels().path_points(GAUSS, moved, state.v, v, dt)
+            velocity, acceleration = (one, two), (slope, slope)
         else:
-            offset, velocity, acceleration = self._path(moved, state.v, v, dt)
+            ways, velocity, acceleration = self._path(moved, state.v, v, dt)
         return [
-            torque(pin.integrate(model, state.q, offset[k]), velocity[k], acceleration[k], check=False)
-            for k in range(2)
+            torque(pin.integrate(model, state.q, way), *rates, check=False)
+            for way, *rates in zip(ways, velocity, acceleration, strict=True)
         ]
 
     def _forces_of_many(

@@ -30,6 +30,7 @@ from eladapt.robot.reading import (
 from eladapt.signals import Measurement
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
+DOUBLE = np.dtype(float)
 UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
 
 
@@ -280,17 +281,7 @@ class Robot:
     def check_q(self, q: np.ndarray, name: str = "q") -> np.ndarray:
         """q as a finite (nq,) vector on the configuration space; raises ArgumentError."""
         q = require_vector(name, q, self.nq)
-        if self.nq != self.nv:
-            for joint in range(1, self.model.njoints):
-                if self.model.nqs[joint] == 2:
-                    start = self.model.idx_qs[joint]
-                    norm = q[start] ** 2 + q[start + 1] ** 2
-                    if abs(norm - 1) > UNIT_CIRCLE_TOLERANCE:
-                        raise ArgumentError(
-                            f"{name}: continuous joint {self.model.names[joint]!r} expects (cos, sin) at "
-                            f"[{start}:{start + 2}], got {q[start : start + 2]}; "
-                            "make q with robot.configuration(angles)"
-                        )
+        self._require_unit_circles(q, name)
         return q
 
     def check_v(self, v: np.ndarray, name: str = "v") -> np.ndarray:
@@ -305,14 +296,31 @@ class Robot:
         """
         t, q, v, tau = measurement
         t = require_number("measurement.t", t, -np.finfo(float).max)
+        if _is_vector(q, self.nq) and _is_vector(v, self.nv) and _is_vector(tau, self.nv):
+            q, v, tau = q.copy(), v.copy(), tau.copy()
+            if q.dot(q) + v.dot(v) + tau.dot(tau) <= LARGEST**2:  # false too where a number is not finite
+                self._require_unit_circles(q, "measurement.q")
+                return Measurement(t, q, v, tau)
         q = self.check_q(q, "measurement.q").copy()
         v, tau = self.check_v(v, "measurement.v").copy(), self.check_v(tau, "measurement.tau").copy()
-        if q.dot(q) + v.dot(v) + tau.dot(tau) > LARGEST**2:
-            name, vector = max(
-                (("q", q), ("v", v), ("tau", tau)), key=lambda pair: float(np.abs(pair[1]).max())
-            )
+        name, vector = max((("q", q), ("v", v), ("tau", tau)), key=lambda pair: float(np.abs(pair[1]).max()))
+        if np.abs(vector).max() > LARGEST:
             raise ArgumentError(f"measurement.{name}: expected sizes up to {LARGEST:g}, got {vector}")
         return Measurement(t, q, v, tau)
+
+    def _require_unit_circles(self, q: np.ndarray, name: str) -> None:
+        if self.nq == self.nv:
+            return
+        for joint in range(1, self.model.njoints):
+            if self.model.nqs[joint] == 2:
+                start = self.model.idx_qs[joint]
+                norm = q[start] ** 2 + q[start + 1] ** 2
+                if abs(norm - 1) > UNIT_CIRCLE_TOLERANCE:
+                    raise ArgumentError(
+                        f"{name}: continuous joint {self.model.names[joint]!r} expects (cos, sin) at "
+                        f"[{start}:{start + 2}], got {q[start : start + 2]}; "
+                        "make q with robot.configuration(angles)"
+                    )
 
     def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
@@ -322,6 +330,10 @@ class Robot:
             if self.model.nqs[joint] == 1 and low < high:
                 lower[i], upper[i] = low, high
         return lower, upper
+
+
+def _is_vector(value: object, size: int) -> bool:
+    return type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (size,)
 
 
 def _square(matrix: np.ndarray, size: int) -> np.ndarray:
