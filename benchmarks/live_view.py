@@ -4,7 +4,8 @@ One loop at 1 kHz (a real clock, a simulated arm) goes from goal to goal for a m
 second the live view is told of every step, or of none; each phase of a move has as many blocks of either.
 Timed is what a loop of one's own does between measurement and torque: `CompositeController.step`, and
 `LiveView.show`. Somebody watches all the time: a process that takes the stream as a browser does, or
-Chromium, which draws it without a graphics card and so takes a core for itself.
+Chromium, which draws it without a graphics card and so takes a core for itself. Each is measured with the
+loop as any process, and with the real-time priority that `eladapt.hardware.run_loop(priority=)` gives it.
 
 Run it on a quiet computer: the machine's own disturbance is in both columns, and in their ratio.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import itertools
 import multiprocessing
 import time
 from collections.abc import Iterator
@@ -23,9 +25,11 @@ import numpy as np
 from table import write
 
 import eladapt as ea
+from eladapt.hardware.timing import undisturbed
 
 DT = 1e-3
 BLOCK, MOVE = 500, 2000  # steps
+PRIORITY = 50  # of 1 to 99
 ALLOWED = 1.10
 
 
@@ -76,10 +80,10 @@ def watching(watch: Any, url: str) -> Iterator[None]:
         watcher.join()
 
 
-def loop(live: ea.LiveView, seconds: float) -> Steps:
+def loop(live: ea.LiveView, seconds: float, compiled: bool) -> Steps:
     """The loop; the first move is not counted."""
     robot = live.robot
-    controller = ea.CompositeController.for_robot(robot)
+    controller = ea.CompositeController.for_robot(robot, compiled=compiled)
     goals = [robot.configuration(x) for x in (robot.target, robot.home)]
     plant = ea.PinocchioPlant(robot, goals[1])
     measurement = plant.reset()
@@ -113,26 +117,35 @@ def loop(live: ea.LiveView, seconds: float) -> Steps:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seconds", type=float, default=66.0, help="of each loop (default: 66)")
+    parser.add_argument("--compiled", action="store_true", help="the controller with numba (extra fast)")
     parser.add_argument("--no-chromium", action="store_true", help="leave out the browser")
     options = parser.parse_args()
     watchers = {"the stream is taken": take_stream}
     if not options.no_chromium:
         watchers["Chromium draws it, no graphics card"] = draw_it
     rows = []
-    for name, watch in watchers.items():
-        with ea.view(ea.Robot.load("panda"), live=True) as live, watching(watch, live.url):
-            steps = loop(live, options.seconds)
-        row = [name]
+    for (name, watch), priority in itertools.product(watchers.items(), (None, PRIORITY)):
+        with (
+            ea.view(ea.Robot.load("panda"), live=True) as live,
+            watching(watch, live.url),
+            undisturbed(priority),
+        ):
+            steps = loop(live, options.seconds, options.compiled)
+        row = [name, priority or "none"]
         for percent in (50, 99):
             off, on = (1e3 * np.percentile(times, percent) for times in (steps.off, steps.on))
             row += [f"{off:.3f}", f"{on:.3f}", f"{on / off:.3f}{'' if on / off <= ALLOWED else ' **no**'}"]
         rows.append([*row, f"{steps.frames:.0f}", f"{steps.late:.2%}"])
-    head = ["who looks", "median off [ms]", "on", "ratio", "99 % off [ms]", "on", "ratio",
-            "frames/s sent", "steps late"]  # fmt: skip
+    head = [
+        "who looks", "real-time priority", "median off [ms]", "on", "ratio", "99 % off [ms]", "on", "ratio",
+        "frames/s sent", "steps late",
+    ]  # fmt: skip
+    path = "compiled" if options.compiled else "numpy"
     notes = (
         "The Panda's controller at 1 kHz, `CompositeController.step` with `LiveView.show` (on) and without "
-        "(off), in alternating blocks of one loop. A ratio above 1.10 is marked **no**. Steps late: "
-        "longer than 1 ms together with the simulation of the arm, on and off alike."
+        f"(off), in alternating blocks of one loop; {path} path. A ratio above 1.10 is marked **no**. Steps "
+        "late: longer than 1 ms together with the simulation of the arm, on and off alike. The priority is "
+        "that of `run_loop(priority=)`."
     )
     write("live_view", "Step times with the live view on", head, rows, notes)
 
