@@ -1,6 +1,6 @@
 """Whatever a driver hands over, a step raises a typed error or gives a finite torque within the limits.
 
-A few hundred cases of each test here, 100,000 in all with ``make nightly``.
+A few hundred cases of each test here, 100,000 in all with ``make nightly``; half of them compiled.
 """
 
 import functools
@@ -100,10 +100,10 @@ def inputs(draw, robot):
 
 
 @functools.cache
-def begun(name, gated, friction=False):
+def begun(name, gated, friction, compiled):
     """A controller 30 steps into a move, its state, and the measurement there."""
     robot = load(name)
-    controller = ea.CompositeController.for_robot(robot, DT, friction=friction)
+    controller = ea.CompositeController.for_robot(robot, DT, friction=friction, compiled=compiled)
     controller = ea.GatedController.for_robot(controller, DT) if gated else controller
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
     measurement = plant.reset()
@@ -132,12 +132,12 @@ def trusted(tau, limit):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_bare_controller_raises_or_gives_a_finite_torque(name, friction):
     """Up to three steps of anything, refused or taken; the state stays finite; a good step still works."""
-    controller, start, measurement = begun(name, False, friction)
-    robot, limit = controller.robot, controller.effort_limit
+    robot = load(name)
 
-    @given(st.lists(inputs(robot), min_size=1, max_size=3))
-    def check(sequence):
-        state, taken = start, 0
+    @given(st.booleans(), st.lists(inputs(robot), min_size=1, max_size=3))
+    def check(compiled, sequence):
+        controller, state, measurement = begun(name, False, friction, compiled)
+        limit, taken = controller.effort_limit, 0
         for after, q, v, tau, goal, dt in sequence:
             try:
                 with np.errstate(all="ignore"):
@@ -162,12 +162,12 @@ def test_the_bare_controller_raises_or_gives_a_finite_torque(name, friction):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_behind_the_gate_nothing_is_raised_but_for_dt(name, friction):
     """Up to three steps of anything: a finite torque within its limits and rate each time, a finite state."""
-    controller, start, measurement = begun(name, True, friction)
-    robot, gate = controller.robot, controller.gate
+    robot = load(name)
 
-    @given(st.lists(inputs(robot), min_size=1, max_size=3))
-    def check(sequence):
-        state, t = start, measurement.t
+    @given(st.booleans(), st.lists(inputs(robot), min_size=1, max_size=3))
+    def check(compiled, sequence):
+        controller, state, measurement = begun(name, True, friction, compiled)
+        gate, t = controller.gate, measurement.t
         for after, q, v, tau, goal, dt in [
             *sequence,
             (DT, measurement.q, measurement.v, measurement.tau, None, DT),

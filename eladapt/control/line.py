@@ -51,16 +51,12 @@ class CompiledLine:
         assert isinstance(control, FiniteTimePD)
         assert controller.disturbance is not None
         assert controller.detector is not None
-        limit = np.array(controller.effort_limit)
+        self.effort_limit = limit = np.array(controller.effort_limit)
         self.robot, self.regression, self.detector = controller.robot, regression, controller.detector
         self.extension, self.horizon = extension, control.horizon or 0.0
-        Gamma, rate = law.vectors
-        position, velocity = law.direct_factors
-        self.gains = kernels().LineGains(
-            pole=regression.pole, row_weight=np.array(regression.weight), alpha=extension.alpha,
-            beta=extension.beta, xi=extension.xi, dust=DUST, gate_exponent=law.b + law.d, b=law.b,
-            position=position, velocity=velocity, Gamma=Gamma, rate=rate, effort_limit=limit,
-            memory=controller.disturbance.memory,
+        self.gains = (
+            regression.pole, np.array(regression.weight), extension.alpha, extension.beta, extension.xi, DUST,
+            law.b + law.d, law.b, *law.direct_factors, *law.vectors, limit, controller.disturbance.memory,
         )  # fmt: skip
         P, D, D_L = (np.array(np.broadcast_to(gain, nv)) for gain in (control.P, control.D, control.D_L))
         self.feedback = (P, D, D_L, control.a, control.b)
@@ -92,7 +88,7 @@ class CompiledLine:
         found = kernels().advance(
             filters.omega, filters.y, information.triangle, information.prior, information.weakest,
             mixed.basis, state.excitation.integral, state.theta, state.disturbance, one, two, tau, v, psi, e1,
-            inertial, self.gains, dt,
+            inertial, dt, *self.gains,
         )  # fmt: skip
         y, omega, triangle, kept, innovation, weakest, *mix, gates, integral, theta, disturbance = found
         self.extension.require_kept(kept, dt)
@@ -115,6 +111,6 @@ class CompiledLine:
         horizon = max(dt, self.horizon)
         found, finite = compiled(command)(
             e1, v, mass_matrix, state.disturbance, psi, state.theta, *self.feedback, horizon,
-            self.gains.effort_limit,
+            self.effort_limit,
         )  # fmt: skip
         return found if finite else None

@@ -9,7 +9,6 @@ the functions named ``all_...`` have a leading axis and share it out among the p
 from __future__ import annotations
 
 from math import copysign, exp, expm1, sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -19,25 +18,6 @@ SETTLED = 1e-7  # a sweep of rotations this small leaves cosines of its square: 
 SWEEPS = 40  # 5 or 6 from nothing, 2 or 3 from the sample before (panda)
 TINY = 1e-300
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faster
-
-
-class LineGains(NamedTuple):
-    """What `advance` needs to know of the blocks; vectors have one entry, or one a joint or parameter."""
-
-    pole: float  # of the force balance
-    row_weight: np.ndarray  # (nv,)
-    alpha: float  # of least squares
-    beta: float
-    xi: float
-    dust: float  # of the directional mixing
-    gate_exponent: float  # b + d of the adaptation law
-    b: float
-    position: float  # factors of tanh(e1) and e2 in its direct term
-    velocity: float
-    Gamma: np.ndarray
-    rate: np.ndarray
-    effort_limit: np.ndarray  # (nv,)
-    memory: float  # of the disturbance estimate
 
 
 @njit(cache=True)
@@ -319,40 +299,44 @@ def advance(
     omega: np.ndarray, y: np.ndarray, triangle: np.ndarray, prior: float, weakest: np.ndarray,
     basis: np.ndarray, integral: np.ndarray, theta: np.ndarray, disturbance: np.ndarray,
     one: np.ndarray, two: np.ndarray, tau: np.ndarray, v: np.ndarray, psi: np.ndarray, e1: np.ndarray,
-    inertial: np.ndarray, gains: LineGains, dt: float,
+    inertial: np.ndarray, dt: float,
+    pole: float, row_weight: np.ndarray, alpha: float, beta: float, xi: float, dust: float,
+    gate_exponent: float, b: float, position: float, velocity: float, Gamma: np.ndarray, rate: np.ndarray,
+    effort_limit: np.ndarray, memory: float,
 ) -> tuple[
     np.ndarray, np.ndarray, np.ndarray, float, float, np.ndarray, np.ndarray, np.ndarray, np.ndarray,
     np.ndarray, np.ndarray, np.ndarray, np.ndarray,
 ]:  # fmt: skip
     """The default blocks in line, from the force balance to theta and the disturbance estimate.
 
+    Arguments: the state, the sample (one, two: W at Gauss's points; inertial: M a + C v), and from pole on the
+    gains of the blocks, in their order; gate_exponent = b + d, memory: of the disturbance estimate.
     Returns y, omega, triangle, kept, innovation, weakest, Y, delta, basis, gates, integral, theta,
     disturbance; all but y and disturbance are without meaning where kept <= 0.
     """
-    rho = exp(-gains.pole * dt)
-    y, omega = filter_rows(omega, y, rho, (1 - rho) * gains.row_weight, one, two, tau)
+    y, omega = filter_rows(omega, y, exp(-pole * dt), -expm1(-pole * dt) * row_weight, one, two, tau)
     triangle, kept, innovation, weakest = least_squares_step(
-        triangle, prior, weakest, omega, y, gains.alpha, gains.beta, gains.xi, dt
+        triangle, prior, weakest, omega, y, alpha, beta, xi, dt
     )
     Y, delta, basis = directional_mix(
-        triangle, triangle.shape[0] - 1 - len(theta), basis, kept * prior, 1.0, gains.dust
+        triangle, triangle.shape[0] - 1 - len(theta), basis, kept * prior, 1.0, dust
     )
     gates = np.empty_like(delta)
     for p in range(len(delta)):
-        size = delta[p] ** gains.gate_exponent
+        size = delta[p] ** gate_exponent
         gates[p] = size / (1 + size)
     moving_e1, moving_v = e1.copy(), v.copy()
     for i in range(len(v)):
-        if not abs(tau[i]) < gains.effort_limit[i]:  # clipped: the direct term rests
+        if not abs(tau[i]) < effort_limit[i]:  # clipped: the direct term rests
             moving_e1[i] = moving_v[i] = 0.0
-    share, following = -expm1(-dt / gains.memory), disturbance.copy()
+    share, following = -expm1(-dt / memory), disturbance.copy()
     for i in range(len(v)):
         feedback = tau[i]
         for p in range(len(theta)):
             feedback -= psi[i, p] * theta[p]
         following[i] += share * (inertial[i] - feedback - disturbance[i])
     theta = adapt(
-        theta, psi, moving_e1, moving_v, gains.position, gains.velocity, gains.Gamma, gains.rate, gains.b,
+        theta, psi, moving_e1, moving_v, position, velocity, Gamma, rate, b,
         Y, delta, gates, basis, dt,
     )  # fmt: skip
     return (
