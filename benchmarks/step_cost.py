@@ -219,8 +219,8 @@ def main() -> None:
         path: np.polyfit(np.log(joints), np.log(np.array(whole[path])[[0, 2, 3]]), 1)[0] for path in whole
     }
     notes = (
-        "numpy: the default. compiled: `for_robot(robot, compiled=True)`, extra `fast`; its blocks are timed one "
-        "by one, while the whole step runs them in line, in two calls. Medians over "
+        "numpy: the default. compiled: `for_robot(robot, compiled=True)`, extra `fast`; its blocks are timed "
+        "one by one, while the whole step runs them in line, in two calls. Medians over "
         f"{STATES} states of a regulation move. From 2 to 7 to 14 joints the whole step grows as joints^"
         f"{exponents[False]:.2f} with numpy and joints^{exponents[True]:.2f} compiled."
     )

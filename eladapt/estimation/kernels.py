@@ -309,8 +309,8 @@ def advance(
 ]:  # fmt: skip
     """The default blocks in line, from the force balance to theta and the disturbance estimate.
 
-    Arguments: the state, the sample (one, two: W at Gauss's points; inertial: M a + C v), and from pole on the
-    gains of the blocks, in their order; gate_exponent = b + d, memory: of the disturbance estimate.
+    Arguments: the state, the sample (one, two: W at Gauss's points; inertial: M a + C v), and from pole on
+    the gains of the blocks, in their order; gate_exponent = b + d, memory: of the disturbance estimate.
     Returns y, omega, triangle, kept, innovation, weakest, Y, delta, basis, gates, integral, theta,
     disturbance; all but y and disturbance are without meaning where kept <= 0.
     """
