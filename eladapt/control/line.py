@@ -80,7 +80,13 @@ class CompiledLine:
     def advance(
         self, state: ControllerState, measurement: Measurement, psi: np.ndarray, e1: np.ndarray, dt: float
     ) -> ControllerState | None:
-        """The state at ``measurement``, or None where a change is noticed: the blocks know what to do."""
+        """The state at ``measurement``, or None where a change is noticed: the blocks know what to do.
+
+        None too for a state of another controller, which lacks what this one remembers.
+        """
+        before = state.change
+        if before is None or state.disturbance is None:
+            return None
         filters, information, mixed = state.filters, state.information, state.mixed
         t, q, v, tau = measurement
         one, two = self.regression.forces(filters, q, v, dt)
@@ -93,8 +99,6 @@ class CompiledLine:
         y, omega, triangle, kept, innovation, weakest, *mix, gates, integral, theta, disturbance = found
         self.extension.require_kept(kept, dt)
         after = Information(triangle, kept * information.prior, 1.0, innovation, weakest)
-        before = state.change
-        assert before is not None
         change = self.detector.step(before, information, after, state.theta, t, dt)
         if change.noticed > before.noticed:
             return None
@@ -107,7 +111,9 @@ class CompiledLine:
         self, state: ControllerState, psi: np.ndarray, e1: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray,
         dt: float,
     ) -> np.ndarray | None:  # fmt: skip
-        """The torque (nv,) [N m], or None where it would not be finite."""
+        """The torque (nv,) [N m], or None where it would not be finite, or for another controller's state."""
+        if state.disturbance is None:
+            return None
         horizon = max(dt, self.horizon)
         found, finite = compiled(command)(
             e1, v, mass_matrix, state.disturbance, psi, state.theta, *self.feedback, horizon,

@@ -125,3 +125,19 @@ def test_a_torque_that_is_not_finite_is_refused():
     broken = state._replace(theta=np.full_like(state.theta, np.nan))
     with pytest.raises(ArgumentError, match="torque of the control law"):
         line.step(broken, measurement, line.robot.configuration(line.robot.target), DT)
+
+
+def test_a_state_without_detector_and_disturbance_estimate_is_the_blocks_affair():
+    """A controller whose detector and disturbance estimate were added later goes on from the state before."""
+    line, blocks = pair(load("two_link"))
+    plain = dataclasses.replace(line, detector=None, disturbance=None)
+    plant = ea.PinocchioPlant(line.robot, line.robot.configuration(line.robot.home))
+    measurement, goal = plant.reset(), line.robot.configuration(line.robot.target)
+    state = plain.init(measurement)
+    for _ in range(5):
+        state, tau = plain.step(state, measurement, goal, DT)
+        measurement = plant.step(tau, DT)
+    assert state.disturbance is None
+    one, two = (controller.step(state, measurement, goal, DT) for controller in (line, blocks))
+    np.testing.assert_array_equal(one[1], two[1])
+    np.testing.assert_array_equal(one[0].theta, two[0].theta)
