@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -141,3 +142,24 @@ def test_a_state_without_detector_and_disturbance_estimate_is_the_blocks_affair(
     one, two = (controller.step(state, measurement, goal, DT) for controller in (line, blocks))
     np.testing.assert_array_equal(one[1], two[1])
     np.testing.assert_array_equal(one[0].theta, two[0].theta)
+
+
+def test_one_joint_is_enough_and_none_with_weight_is_none():
+    """Pinocchio's bindings return vectors for one joint's matrices; an arm without gravity has no theta_U."""
+    full = load("panda")
+    names = full.joint_names
+    shoulder, base = (
+        ea.Robot.from_urdf(full.path, full.package_dirs, [*full.locked, *others], target=[0.4])
+        for others in ([names[0], *names[2:]], names[1:])
+    )
+    assert ea.CompositeController.for_robot(base, DT, compiled=True)._line is None
+    line, blocks = pair(shoulder)
+    plant = ea.PinocchioPlant(shoulder, shoulder.configuration(shoulder.home))
+    measurement, goal = plant.reset(), shoulder.configuration(shoulder.target)
+    state = line.init(measurement)
+    for _ in range(300):
+        (state, tau), (two, expected) = (c.step(state, measurement, goal, DT) for c in (line, blocks))
+        np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-9 * (1 + np.abs(expected).max()))
+        assert_same(state, two)
+        measurement = plant.step(tau, DT)
+    assert pickle.loads(pickle.dumps(line))._line is not None, "simulate_many sends it to other processes"
