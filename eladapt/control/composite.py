@@ -89,7 +89,7 @@ class CompositeController:
             raise ArgumentError(
                 f"effort_limit: expected positive, scalar or ({nv},), got {self.effort_limit!r}"
             )
-        object.__setattr__(self, "effort_limit", np.broadcast_to(limit, (nv,)))
+        object.__setattr__(self, "effort_limit", np.broadcast_to(limit, (nv,)).copy())
 
     @classmethod
     def for_robot(
@@ -260,6 +260,7 @@ class CompositeController:
         horizon = max(dt, getattr(self.control, "horizon", None) or dt)
         if self.disturbance and state.disturbance is not None:
             v = self.disturbance.velocity(state.disturbance, v, mass_matrix, horizon)
+        v = require_vector("velocity that the control law starts from", v, self.robot.nv)
         feedback = self.control.torque(e1, v, mass_matrix, dt)
         if self.compensation and state.compensation:
             predicted = v + horizon * np.linalg.solve(mass_matrix, feedback)

@@ -175,6 +175,8 @@ def command(
 
     The prediction starts from v + H M^-1 d, see `eladapt.control.disturbance`.
     """
+    if not np.isfinite(disturbance).all():  # a solver would raise
+        return np.zeros_like(v), False
     pushed = v + horizon * np.linalg.solve(mass_matrix, disturbance)
     wanted = solve_coupled(e1, pushed, mass_matrix, P, D, D_L, a, b, horizon).torque + psi @ theta
     finite = bool(np.isfinite(wanted).all())

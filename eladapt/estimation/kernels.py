@@ -122,7 +122,8 @@ def singular_directions(
                     alpha += columns[p, i] * columns[p, i]
                     beta += columns[q, i] * columns[q, i]
                     gamma += columns[p, i] * columns[q, i]
-                if alpha < beta:  # the longer column stands first
+                if alpha < beta:  # the longer column stands first; this sweep will not see all its pairs
+                    settled = False
                     for i in range(n):
                         columns[p, i], columns[q, i] = columns[q, i], -columns[p, i]
                         vectors[p, i], vectors[q, i] = vectors[q, i], -vectors[p, i]

@@ -119,13 +119,28 @@ def test_a_subclassed_block_is_used():
 
 def test_a_torque_that_is_not_finite_is_refused():
     """As the blocks refuse it, with what to look at."""
-    line, _ = pair(load("two_link"))
+    line, blocks = pair(load("two_link"))
     plant = ea.PinocchioPlant(line.robot, line.robot.configuration(line.robot.home))
     measurement = plant.reset()
     state = line.init(measurement)
+    goal = line.robot.configuration(line.robot.target)
     broken = state._replace(theta=np.full_like(state.theta, np.nan))
     with pytest.raises(ArgumentError, match="torque of the control law"):
-        line.step(broken, measurement, line.robot.configuration(line.robot.target), DT)
+        line.step(broken, measurement, goal, DT)
+    broken = state._replace(disturbance=np.full_like(state.disturbance, np.nan))
+    for controller in (line, blocks):
+        with pytest.raises(ArgumentError, match="velocity that the control law starts from"):
+            controller.step(broken, measurement, goal, DT)
+
+
+def test_a_limit_changed_in_place_changes_no_controller():
+    """Line and blocks keep the limit that the controller was made with."""
+    limit = np.array([5.0, 5.0])
+    controller = dataclasses.replace(
+        ea.CompositeController.for_robot(load("two_link"), DT, compiled=True), effort_limit=limit
+    )
+    limit[:] = 1.0
+    np.testing.assert_array_equal(controller.effort_limit, [5.0, 5.0])
 
 
 def test_a_state_without_detector_and_disturbance_estimate_is_the_blocks_affair():

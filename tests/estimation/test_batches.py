@@ -115,6 +115,26 @@ def test_directions_stay_orthogonal_over_many_steps(compiled, rng):
     np.testing.assert_allclose(basis @ found.estimate, solved, rtol=1e-8)
 
 
+@pytest.mark.parametrize("compiled", PATHS)
+@pytest.mark.parametrize("coupling", [0.0, 1e-9, 1e-8, 1e-4, 1.0])
+def test_directions_are_found_in_whatever_order_the_columns_stand(compiled, coupling, rng):
+    """Longer columns behind shorter ones, some decoupled: singular values and solution as by LAPACK."""
+    for _ in range(200):
+        size = int(rng.integers(2, 7))
+        factor = np.triu(rng.normal(size=(size + 1, size + 1)))
+        factor[0, 1:size] *= coupling
+        factor[np.diag_indices(size)] = rng.permutation(np.logspace(-1, 1, size))
+        found = directions(factor, 0, np.eye(size), compiled)
+        block = factor[:size, :size]
+        # Relative to the largest: the condition number stays below 1e5, rounding below 1e-11.
+        largest = np.linalg.norm(block, 2)
+        expected = np.linalg.svd(block, compute_uv=False)
+        np.testing.assert_allclose(found.singular, expected, rtol=0, atol=1e-11 * largest)
+        solved = np.linalg.solve(block, factor[:size, size])
+        scale = 1 + np.abs(solved).max()
+        np.testing.assert_allclose(found.basis @ found.estimate, solved, rtol=0, atol=1e-8 * scale)
+
+
 def test_least_squares_never_forgets_below_the_floor(rng):
     """The weakest direction, followed by inverse iteration, keeps z f0 + lambda_min >= 1/xi, within 1 %."""
     extension = ea.LeastSquares(alpha=1.0, beta=50.0, xi=1e4, f0=1e-3)
