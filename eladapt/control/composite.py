@@ -256,7 +256,7 @@ class CompositeController:
         self, state: ControllerState, psi: np.ndarray, e1: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray,
         dt: float,
     ) -> np.ndarray:  # fmt: skip
-        """Feedback and feed-forward, clipped."""
+        """The torque (nv,) [N m] of feedback and feed-forward, clipped. Raises ArgumentError, not finite."""
         horizon = max(dt, getattr(self.control, "horizon", None) or dt)
         if self.disturbance and state.disturbance is not None:
             v = self.disturbance.velocity(state.disturbance, v, mass_matrix, horizon)

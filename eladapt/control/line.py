@@ -1,9 +1,9 @@
 """The default controller's line in two compiled calls, between those of Pinocchio.
 
 What the blocks do one after the other is done here in the same order by the same kernels; what is saved is
-the way between them, a third of a step on a 7-joint arm. `CompiledLine.of` tells which controllers have one:
-all blocks compiled, none exchanged, no friction columns. What is not ordinary (a change that is noticed, a
-result that is not finite) is left to the blocks.
+the way between them, a third of a step on two links and a fifth on a Panda. `CompiledLine.of` tells which
+controllers have one: all blocks compiled, none exchanged, no friction columns. What is not ordinary (a change
+that is noticed, a result that is not finite) is left to the blocks.
 """
 
 from __future__ import annotations
@@ -82,10 +82,12 @@ class CompiledLine:
     ) -> ControllerState | None:
         """The state at ``measurement``, or None where a change is noticed: the blocks know what to do.
 
-        None too for a state of another controller, which lacks what this one remembers.
+        None too for a state of another controller: one that lacks what this one remembers, or whose mixing
+        has other gates.
         """
         before = state.change
-        if before is None or state.disturbance is None:
+        gates_fit = state.excitation.integral.shape == state.theta.shape
+        if before is None or state.disturbance is None or not gates_fit:
             return None
         filters, information, mixed = state.filters, state.information, state.mixed
         t, q, v, tau = measurement

@@ -171,13 +171,16 @@ def command(
     theta: np.ndarray, P: np.ndarray, D: np.ndarray, D_L: np.ndarray, a: float, b: float, horizon: float,
     effort_limit: np.ndarray,
 ) -> tuple[np.ndarray, bool]:  # fmt: skip
-    """The torque (nv,) of feedback and known gravity, clipped, and whether it is finite.
+    """The torque (nv,) [N m] of feedback and known gravity, clipped, and whether it is finite.
 
-    The prediction starts from v + H M^-1 d, see `eladapt.control.disturbance`.
+    disturbance d (nv,) [N m]: the prediction starts from v + H M^-1 d, see `eladapt.control.disturbance`.
+    psi (nv, n_potential), theta (n_potential,): known gravity; the rest as in `solve_coupled`.
     """
     if not np.isfinite(disturbance).all():  # a solver would raise
         return np.zeros_like(v), False
     pushed = v + horizon * np.linalg.solve(mass_matrix, disturbance)
+    if not np.isfinite(pushed).all():  # the search would find nothing better than no torque
+        return np.zeros_like(v), False
     wanted = solve_coupled(e1, pushed, mass_matrix, P, D, D_L, a, b, horizon).torque + psi @ theta
     finite = bool(np.isfinite(wanted).all())
     return np.minimum(np.maximum(wanted, -effort_limit), effort_limit), finite

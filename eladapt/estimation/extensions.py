@@ -126,6 +126,7 @@ class LeastSquares:
         return Information(triangle, kept * information.prior, 1.0, innovation, weakest)
 
     def require_kept(self, kept: Any, dt: float) -> None:
+        """Raises ArgumentError where a step of dt [s] would forget more than everything."""
         if not (kept > 0 if isinstance(kept, float) else np.all(kept > 0)):
             raise ArgumentError(f"dt: expected dt < 1/beta = {1 / self.beta:g} s, got {dt:g} s")
 

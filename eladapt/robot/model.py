@@ -296,17 +296,24 @@ class Robot:
         """
         t, q, v, tau = measurement
         t = require_number("measurement.t", t, -np.finfo(float).max)
-        if _is_vector(q, self.nq) and _is_vector(v, self.nv) and _is_vector(tau, self.nv):
-            q, v, tau = q.copy(), v.copy(), tau.copy()
-            if q.dot(q) + v.dot(v) + tau.dot(tau) <= LARGEST**2:  # false too where a number is not finite
-                self._require_unit_circles(q, "measurement.q")
-                return Measurement(t, q, v, tau)
-        q = self.check_q(q, "measurement.q").copy()
-        v, tau = self.check_v(v, "measurement.v").copy(), self.check_v(tau, "measurement.tau").copy()
-        name, vector = max((("q", q), ("v", v), ("tau", tau)), key=lambda pair: float(np.abs(pair[1]).max()))
-        if np.abs(vector).max() > LARGEST:
+        if not (_is_vector(q, self.nq) and _is_vector(v, self.nv) and _is_vector(tau, self.nv)):
+            q, v, tau = self._check_vectors(q, v, tau)
+        q, v, tau = q.copy(), v.copy(), tau.copy()
+        if not q.dot(q) + v.dot(v) + tau.dot(tau) <= LARGEST**2:  # false too where a number is not finite
+            self._check_vectors(q, v, tau)
+            name, vector = max(
+                (("q", q), ("v", v), ("tau", tau)), key=lambda pair: float(np.abs(pair[1]).max())
+            )
             raise ArgumentError(f"measurement.{name}: expected sizes up to {LARGEST:g}, got {vector}")
+        self._require_unit_circles(q, "measurement.q")
         return Measurement(t, q, v, tau)
+
+    def _check_vectors(self, q: Any, v: Any, tau: Any) -> tuple[np.ndarray, ...]:
+        """q, v and tau of a measurement, one by one."""
+        return (
+            self.check_q(q, "measurement.q"), self.check_v(v, "measurement.v"),
+            self.check_v(tau, "measurement.tau"),
+        )  # fmt: skip
 
     def _require_unit_circles(self, q: np.ndarray, name: str) -> None:
         if self.nq == self.nv:
@@ -333,6 +340,7 @@ class Robot:
 
 
 def _is_vector(value: object, size: int) -> bool:
+    """Whether it is a plain array of ``size`` doubles: what `require_vector` would return as it is."""
     return type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (size,)
 
 

@@ -63,7 +63,7 @@ def test_a_step_of_the_line_is_a_step_of_the_blocks(name):
     for k in range(900):
         one, tau = line.step(state, measurement, goal, DT)
         two, expected = blocks.step(state, measurement, goal, DT)
-        np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-9 * (1 + np.abs(expected).max()))
+        np.testing.assert_allclose(tau, expected, rtol=0, atol=ROUNDING * (1 + np.abs(expected).max()))
         if k % 7 == 0 or one.change.noticed > noticed:
             assert_same(one, two)
         noticed, state = one.change.noticed, one
@@ -117,6 +117,19 @@ def test_a_subclassed_block_is_used():
     np.testing.assert_allclose(torques[1], 2 * torques[0], rtol=1e-12)
 
 
+def test_a_state_of_another_mixing_is_refused_as_the_blocks_refuse_it():
+    """Determinant has one gate for all of theta_U, the line one a direction."""
+    line, blocks = pair(load("two_link"))
+    other = dataclasses.replace(blocks, mixing=ea.Determinant())
+    plant = ea.PinocchioPlant(line.robot, line.robot.configuration(line.robot.home))
+    measurement, goal = plant.reset(), line.robot.configuration(line.robot.target)
+    state, tau = other.step(other.init(measurement), measurement, goal, DT)
+    measurement = plant.step(tau, DT)
+    for controller in (line, blocks):
+        with pytest.raises(ValueError, match="reshape"):
+            controller.step(state, measurement, goal, DT)
+
+
 def test_a_torque_that_is_not_finite_is_refused():
     """As the blocks refuse it, with what to look at."""
     line, blocks = pair(load("two_link"))
@@ -127,10 +140,14 @@ def test_a_torque_that_is_not_finite_is_refused():
     broken = state._replace(theta=np.full_like(state.theta, np.nan))
     with pytest.raises(ArgumentError, match="torque of the control law"):
         line.step(broken, measurement, goal, DT)
-    broken = state._replace(disturbance=np.full_like(state.disturbance, np.nan))
-    for controller in (line, blocks):
-        with pytest.raises(ArgumentError, match="velocity that the control law starts from"):
-            controller.step(broken, measurement, goal, DT)
+    for number in (np.nan, np.inf, 1e308):  # the last one overflows on its way
+        broken = state._replace(disturbance=np.full_like(state.disturbance, number))
+        for controller in (line, blocks):
+            with (
+                np.errstate(over="ignore", invalid="ignore"),
+                pytest.raises(ArgumentError, match="velocity that the control law starts from"),
+            ):
+                controller.step(broken, measurement, goal, DT)
 
 
 def test_a_limit_changed_in_place_changes_no_controller():
@@ -174,7 +191,7 @@ def test_one_joint_is_enough_and_none_with_weight_is_none():
     state = line.init(measurement)
     for _ in range(300):
         (state, tau), (two, expected) = (c.step(state, measurement, goal, DT) for c in (line, blocks))
-        np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-9 * (1 + np.abs(expected).max()))
+        np.testing.assert_allclose(tau, expected, rtol=0, atol=ROUNDING * (1 + np.abs(expected).max()))
         assert_same(state, two)
         measurement = plant.step(tau, DT)
     assert pickle.loads(pickle.dumps(line))._line is not None, "simulate_many sends it to other processes"
