@@ -8,8 +8,12 @@ in the same file, since numba's cache looks at that file alone.
 from __future__ import annotations
 
 import functools
+import importlib
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any, TypeVar
+
+import numpy as np
 
 from eladapt.errors import EladaptError
 
@@ -25,15 +29,41 @@ def jitable(function: F) -> F:
 
 
 @functools.cache
+def kernel_module(name: str) -> ModuleType:
+    """A module of compiled loops. Raises EladaptError without numba."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as reason:
+        raise _missing(reason) from reason
+
+
+def batch_last(array: np.ndarray, own: int) -> np.ndarray:
+    """(..., *own) -> (*own, B), contiguous; no copy of what `batch_first` shows. own: how many axes."""
+    shape = array.shape[array.ndim - own :]
+    lead = tuple(range(array.ndim - own))
+    return np.ascontiguousarray(np.moveaxis(array, lead, range(-len(lead), 0))).reshape(*shape, -1)
+
+
+def batch_first(array: np.ndarray, lead: tuple[int, ...]) -> np.ndarray:
+    """(*own, B) -> (*lead, *own): a view, whose leading axes are the last in memory."""
+    whole = array.reshape(*array.shape[:-1], *lead)
+    return np.moveaxis(whole, range(-len(lead), 0), range(len(lead)))
+
+
+@functools.cache
 def compiled(kernel: F) -> F:
     """The kernel, compiled at its first call and kept on disk. Raises EladaptError without numba."""
     try:
         import numba
         from numba.extending import register_jitable
     except ImportError as reason:
-        raise EladaptError(
-            f'compiled=True needs numba, which is not installed ({reason}): pip install "eladapt[fast]"'
-        ) from reason
+        raise _missing(reason) from reason
     while _helpers:
         register_jitable(_helpers.pop())
     return numba.njit(kernel, cache=True)
+
+
+def _missing(reason: ImportError) -> EladaptError:
+    return EladaptError(
+        f'compiled=True needs numba, which is not installed ({reason}): pip install "eladapt[fast]"'
+    )

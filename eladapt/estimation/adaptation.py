@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eladapt.compiling import batch_first, batch_last
 from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.estimation.excitation import zeta_1
-from eladapt.estimation.triangle import kernels
+from eladapt.estimation.triangle import kernels, many_kernels
 from eladapt.signals import MixedRegression
 
 
@@ -128,6 +129,8 @@ class CompositeLaw:
     def _towards(self, mixed: MixedRegression, theta: np.ndarray, gates: np.ndarray, dt: float) -> np.ndarray:
         """The indirect term's flow from theta, towards the least-squares estimate."""
         directional = np.ndim(mixed.delta) == mixed.Y.ndim
+        if self.compiled and directional and self.scalar_rate:
+            return self._towards_together(mixed, theta, gates, dt)
         delta = mixed.delta if directional else np.asarray(mixed.delta)[..., None]
         gates = gates if directional else np.reshape(gates, np.shape(delta))
         excited = delta > 0
@@ -138,6 +141,16 @@ class CompositeLaw:
             error = theta - estimate[..., -theta.shape[-1] :]
         moved = np.where(excited, flow(error, self.rate * gates, self.b, dt) - error, 0.0)
         return theta + ((mixed.basis @ moved[..., None])[..., 0] if directional else moved)
+
+    def _towards_together(
+        self, mixed: MixedRegression, theta: np.ndarray, gates: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """`_towards` of a batch with one delta for each direction, by numba."""
+        vectors = [batch_last(np.asarray(array), 1) for array in (theta, mixed.Y, mixed.delta, gates)]
+        many, basis, rate = many_kernels(), batch_last(mixed.basis, 2), float(np.ravel(self.rate)[0])
+        edges = many.block_edges(basis.shape[-1])
+        moved = many.all_approach(*vectors, basis, rate, self.b, dt, edges)
+        return batch_first(moved, theta.shape[:-1])
 
 
 def flow(x: np.ndarray, rate: float | np.ndarray, b: float, dt: float) -> np.ndarray:

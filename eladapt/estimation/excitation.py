@@ -21,7 +21,8 @@ def saturation(delta: float | np.ndarray, c: float, d: float) -> np.ndarray:
 
 def zeta_1(delta: float | np.ndarray, b: float, d: float) -> np.ndarray:
     """zeta_1 = f(Delta) |Delta|^b sign(Delta) for c = b, in [0, 1): a logistic curve in log |Delta|."""
-    return expit(xlogy(b + d, np.abs(delta)))
+    size = np.abs(delta)
+    return size / (1 + size) if b + d == 1 else expit(xlogy(b + d, size))
 
 
 class Excitation(NamedTuple):

@@ -1,9 +1,8 @@
 """The estimator's inner loops, compiled by numba (extra ``fast``).
 
-What LAPACK does for one robot at a time, in loops that one call runs for many: a row update of a triangle,
-one step of inverse iteration, and singular vectors by one-sided Jacobi rotations, which start from the
-vectors of the sample before and so are done sooner. All arrays are contiguous, by rows;
-the functions named ``all_...`` have a leading axis and share it out among the processors.
+What LAPACK does otherwise: a row update of a triangle, one step of inverse iteration, and singular vectors by
+one-sided Jacobi rotations, which start from the vectors of the sample before and so are done sooner. All
+arrays are contiguous, by rows. `lanes` has the same for a batch.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 from math import copysign, exp, expm1, sqrt
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 ROTATED = 1e-15  # cosine between two columns that counts as orthogonal
 SETTLED = 1e-7  # a sweep of rotations this small leaves cosines of its square: it was the last
@@ -20,11 +19,15 @@ TINY = 1e-300
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faster
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def update_triangle(
     triangle: np.ndarray, kept: float, weight: float, omega: np.ndarray, y: np.ndarray
 ) -> np.ndarray:
-    """The triangle of [sqrt(kept) T; sqrt(weight) [Omega | y]] by Householder reflections."""
+    """The triangle of [sqrt(kept) T; sqrt(weight) [Omega | y]] by Householder reflections.
+
+    A row that is zero in a column, as that of a joint is in the parameters of the bodies before it, takes no
+    part in the reflection that clears the column.
+    """
     size, m = len(triangle), len(y)
     updated = sqrt(kept) * triangle
     rows = np.empty((m, size))
@@ -46,41 +49,45 @@ def update_triangle(
         for k in range(len(top)):
             product[k] = top[k]
         for i in range(m):
-            row, factor = rows[i, j + 1 :], rows[i, j] * inverse
-            for k in range(len(row)):
-                product[k] += factor * row[k]
+            if rows[i, j] != 0.0:
+                row, factor = rows[i, j + 1 :], rows[i, j] * inverse
+                for k in range(len(row)):
+                    product[k] += factor * row[k]
         for k in range(len(top)):
             product[k] *= share
             top[k] -= product[k]
         for i in range(m):
-            row, factor = rows[i, j + 1 :], rows[i, j] * inverse
-            for k in range(len(row)):
-                row[k] -= factor * product[k]
+            if rows[i, j] != 0.0:
+                row, factor = rows[i, j + 1 :], rows[i, j] * inverse
+                for k in range(len(row)):
+                    row[k] -= factor * product[k]
     return updated
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath=REORDERED)
 def inverse_iteration(triangle: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray]:
     """(1 / ||z||^2, z / ||z||) of R z = x / ||T'^-1 x||, R = T'T; (0, start) where R is singular."""
     size = len(start)
-    half, whole = start.copy(), np.zeros(size)
-    square = 0.0
+    half, whole, square = start.copy(), np.empty(size), 0.0
     for j in range(size):
         if triangle[j, j] == 0.0:
             return 0.0, start
-        half[j] /= triangle[j, j]
-        square += half[j] * half[j]
-        for k in range(j + 1, size):
-            half[k] -= triangle[j, k] * half[j]
+        value = half[j] / triangle[j, j]
+        half[j] = value
+        square += value * value
+        rest, row = half[j + 1 :], triangle[j, j + 1 : size]
+        for k in range(len(rest)):
+            rest[k] -= row[k] * value
     if not 0.0 < square < np.inf:
         return 0.0, start
     scale, square = sqrt(square), 0.0
     for j in range(size - 1, -1, -1):
-        value = half[j] / scale
-        for k in range(j + 1, size):
-            value -= triangle[j, k] * whole[k]
-        whole[j] = value / triangle[j, j]
-        square += whole[j] * whole[j]
+        known, row, total = whole[j + 1 :], triangle[j, j + 1 : size], 0.0
+        for k in range(len(known)):
+            total += row[k] * known[k]
+        value = (half[j] / scale - total) / triangle[j, j]
+        whole[j] = value
+        square += value * value
     if not 0.0 < square < np.inf:
         return 0.0, start
     return 1 / square, whole / sqrt(square)
@@ -156,39 +163,6 @@ def singular_directions(
         for k in range(i, n + first):
             total += triangle[i, k] * triangle[i, k]
     return singular, estimate, vectors.T.copy(), sqrt(total)
-
-
-@njit(cache=True, parallel=True)
-def all_update_triangle(
-    triangle: np.ndarray, kept: np.ndarray, weight: np.ndarray, omega: np.ndarray, y: np.ndarray
-) -> np.ndarray:
-    """`update_triangle` along the leading axis."""
-    updated = np.empty_like(triangle)
-    for b in prange(len(triangle)):
-        updated[b] = update_triangle(triangle[b], kept[b], weight[b], omega[b], y[b])
-    return updated
-
-
-@njit(cache=True, parallel=True)
-def all_inverse_iteration(triangle: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`inverse_iteration` along the leading axis."""
-    smallest, weakest = np.empty(len(triangle)), np.empty_like(start)
-    for b in prange(len(triangle)):
-        smallest[b], weakest[b] = inverse_iteration(triangle[b], start[b])
-    return smallest, weakest
-
-
-@njit(cache=True, parallel=True)
-def all_singular_directions(
-    triangle: np.ndarray, first: int, basis: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """`singular_directions` along the leading axis."""
-    n = triangle.shape[-1] - 1 - first
-    singular, estimate = np.empty((len(triangle), n)), np.empty((len(triangle), n))
-    found, scale = np.empty((len(triangle), n, n)), np.empty(len(triangle))
-    for b in prange(len(triangle)):
-        singular[b], estimate[b], found[b], scale[b] = singular_directions(triangle[b], first, basis[b])
-    return singular, estimate, found, scale
 
 
 @njit(cache=True)

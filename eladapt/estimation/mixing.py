@@ -12,9 +12,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from eladapt.compiling import batch_first, batch_last
 from eladapt.errors import ArgumentError
 from eladapt.estimation.extensions import Information
-from eladapt.estimation.triangle import directions, kernels
+from eladapt.estimation.triangle import directions, kernels, many_kernels
 from eladapt.signals import MixedRegression
 
 Scope = Literal["all", "potential"]
@@ -34,18 +35,12 @@ class Spectrum(NamedTuple):
     basis: np.ndarray  # (k, k) directions, one a column
 
 
-def spectrum(
-    information: Information, n_potential: int, scope: Scope, before: np.ndarray | None = None,
-    compiled: bool = False,
-) -> Spectrum:  # fmt: skip
-    """Singular directions of the (eliminated) triangle with their gates and estimates.
-
-    before: the basis of the sample before, if there is one, with which the compiled search begins.
-    """
+def spectrum(information: Information, n_potential: int, scope: Scope) -> Spectrum:
+    """Singular directions of the (eliminated) triangle with their gates and estimates."""
     triangle = information.triangle
     size = triangle.shape[-1] - 1
     start = size - n_potential if scope == "potential" else 0
-    found = directions(triangle, start, before, compiled and size > start)
+    found = directions(triangle, start)
     least = DUST * np.maximum(found.scale, TINY)
     excited = found.singular > (least[..., None] if np.ndim(least) else least)
     gates = information.gate(found.singular**2)
@@ -101,19 +96,30 @@ class Directional:
         self, information: Information, n_potential: int, before: MixedRegression | None = None
     ) -> MixedRegression:
         """Scalar regressions, one a direction; before: that of the sample before, if there is one."""
-        triangle = information.triangle
-        if self.compiled and triangle.ndim == 2 and n_potential:
-            basis, first = (
-                np.eye(n_potential) if before is None else before.basis,
-                len(triangle) - 1 - n_potential,
-            )
-            prior, saturation = information.prior, information.saturation
-            return MixedRegression(
-                *kernels().directional_mix(triangle, first, basis, prior, saturation, DUST)
-            )
-        known = None if before is None else before.basis
-        estimate, gates, basis = spectrum(information, n_potential, "potential", known, self.compiled)
+        if self.compiled and n_potential:
+            return self._mix_compiled(information, n_potential, before)
+        estimate, gates, basis = spectrum(information, n_potential, "potential")
         return MixedRegression(gates * estimate, gates, basis)
+
+    @staticmethod
+    def _mix_compiled(
+        information: Information, n_potential: int, before: MixedRegression | None
+    ) -> MixedRegression:
+        triangle, lead = information.triangle, information.triangle.shape[:-2]
+        first, saturation = triangle.shape[-1] - 1 - n_potential, information.saturation
+        basis = np.eye(n_potential) if before is None else before.basis
+        if not lead:
+            return MixedRegression(
+                *kernels().directional_mix(triangle, first, basis, information.prior, saturation, DUST)
+            )
+        prior = np.broadcast_to(information.prior, lead).ravel()
+        basis = np.broadcast_to(basis, (*lead, n_potential, n_potential))
+        many = many_kernels()
+        found = many.all_directional_mix(
+            batch_last(triangle, 2), first, batch_last(basis, 2), prior, saturation, DUST,
+            many.block_edges(prior.size),
+        )  # fmt: skip
+        return MixedRegression(*(batch_first(array, lead) for array in found))
 
 
 def _common(delta: float | np.ndarray, estimate: np.ndarray, basis: np.ndarray) -> MixedRegression:

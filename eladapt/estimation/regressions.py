@@ -84,13 +84,16 @@ class ForceBalance:
         """Advance over the dt [s] that ended at ``measurement``."""
         rho, gain = _decay(self.pole, dt)
         _, q, v, tau = measurement
-        weight = gain * dt * np.asarray(self.weight)
-        one, two = self.forces(state, q, v, dt)
-        if self.compiled and v.ndim == 1:
-            y, omega = kernels().filter_rows(state.omega, state.y, rho, weight, one, two, tau)
+        weight = gain * dt * np.broadcast_to(self.weight, tau.shape[-1:])
+        if v.ndim > 1:
+            y, omega = rho * state.y + weight * tau, self._filtered(state, rho, weight, q, v, dt)
         else:
-            omega = rho * state.omega + (0.5 * weight)[:, None] * (one + two)
-            y = rho * state.y + weight * tau
+            one, two = self.forces(state, q, v, dt)
+            if self.compiled:
+                y, omega = kernels().filter_rows(state.omega, state.y, rho, weight, one, two, tau)
+            else:
+                omega = rho * state.omega + (0.5 * weight)[:, None] * (one + two)
+                y = rho * state.y + weight * tau
         if self.regressors.coulomb:
             sliding = self._sliding(state.v, v)
             y, omega = np.where(sliding, y, 0.0), np.where(sliding[..., None], omega, 0.0)
@@ -99,8 +102,6 @@ class ForceBalance:
     def forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
         """W(q, v, a) (nv, l) at Gauss's two points of the path from ``state`` to (q, v)."""
         torque, model = self.regressors.torque, self.regressors.robot.model
-        if v.ndim > 1:
-            return self._forces_of_many(state, q, v, dt)
         moved = pin.difference(model, state.q, q)
         if self.compiled and self.interpolation == "linear":
             *ways, one, two, slope = kernels().path_points(GAUSS, moved, state.v, v, dt)
@@ -112,18 +113,17 @@ class ForceBalance:
             for way, *rates in zip(ways, velocity, acceleration, strict=True)
         ]
 
-    def _forces_of_many(
-        self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float
-    ) -> list[np.ndarray]:
-        """`_forces` (B, nv, l) of B filters at once."""
-        model = self.regressors.robot.model
-        moved = np.array([pin.difference(model, *pair) for pair in zip(state.q, q, strict=True)])
-        paths = self._path(moved[:, None], state.v[:, None], v[:, None], dt)
-        forces = []
-        for offset, velocity, acceleration in zip(*(np.moveaxis(part, -2, 0) for part in paths), strict=True):
-            place = np.array([pin.integrate(model, *pair) for pair in zip(state.q, offset, strict=True)])
-            forces.append(self.regressors.torque(place, velocity, acceleration, check=False))
-        return forces
+    def _filtered(
+        self, state: FilterState, rho: float, weight: np.ndarray, q: np.ndarray, v: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """Omega (B, nv, l) of B filters at once."""
+        positions = self.regressors.positions
+        moved = positions.difference(state.q, q)[:, None]
+        offset, *rates = self._path(moved, state.v[:, None], v[:, None], dt)
+        places = positions.integrate(state.q[:, None], offset)
+        return self.regressors.filtered_torque(
+            state.omega, rho, weight, places, *rates, compiled=self.compiled
+        )
 
     def _path(self, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float) -> Any:
         """(..., 2, nv) offsets from the first position, velocities and accelerations at Gauss's points."""

@@ -7,7 +7,6 @@ leading axes in numpy, and one compiled by numba, for one triangle or many. All 
 
 from __future__ import annotations
 
-import functools
 import math
 from types import ModuleType
 from typing import NamedTuple
@@ -16,7 +15,8 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dgesdd, dtpqrt, dtrtrs
 
-from eladapt.errors import ArgumentError, EladaptError
+from eladapt.compiling import batch_first, batch_last, kernel_module
+from eladapt.errors import ArgumentError
 from eladapt.signals import Regression
 
 LAPACK_BLOCK = 8  # columns; 4 to 16 cost the same within 10 %, 32 a quarter more, 1 twice as much (l = 43)
@@ -31,16 +31,14 @@ class Directions(NamedTuple):
     scale: float | np.ndarray  # (...) Frobenius norm of the whole T
 
 
-@functools.cache
 def kernels() -> ModuleType:
     """The compiled loops. Raises EladaptError without numba."""
-    try:
-        from eladapt.estimation import kernels as module
-    except ImportError as reason:
-        raise EladaptError(
-            f'compiled=True needs numba, which is not installed ({reason}): pip install "eladapt[fast]"'
-        ) from reason
-    return module
+    return kernel_module("eladapt.estimation.kernels")
+
+
+def many_kernels() -> ModuleType:
+    """The compiled loops for a batch. Raises EladaptError without numba."""
+    return kernel_module("eladapt.estimation.lanes")
 
 
 def accumulate(
@@ -80,8 +78,10 @@ def least_eigenvalue(
     if compiled:
         if triangle.ndim == 2:
             return kernels().inverse_iteration(triangle, weakest)
-        smallest, found = kernels().all_inverse_iteration(*map(_flat, (triangle, weakest), (2, 1)))
-        return smallest.reshape(triangle.shape[:-2]), found.reshape(weakest.shape)
+        many, rows = many_kernels(), batch_last(weakest, 1)
+        edges = many.block_edges(rows.shape[-1])
+        smallest, found = many.all_inverse_iteration(batch_last(triangle, 2), rows, edges)
+        return smallest.reshape(triangle.shape[:-2]), batch_first(found, triangle.shape[:-2])
     if triangle.ndim > 2:
         return _least_eigenvalues(triangle, weakest)
     factor = np.asfortranarray(triangle[:-1, :-1])
@@ -99,16 +99,15 @@ def least_eigenvalue(
 def directions(
     triangle: np.ndarray, start: int, basis: np.ndarray | None = None, compiled: bool = False
 ) -> Directions:
-    """Of the parameters from ``start`` on; basis (..., k, k): that of the sample before, to begin with."""
+    """Of the parameters from ``start`` on.
+
+    compiled: of one triangle (l + 1, l + 1), beginning with the basis (k, k) of the sample before.
+    """
     size = triangle.shape[-1] - 1
     k = size - start
     if compiled:
-        if basis is None:
-            basis = np.broadcast_to(np.eye(k), (*triangle.shape[:-2], k, k)).copy()
-        if triangle.ndim == 2:
-            return Directions(*kernels().singular_directions(triangle, start, basis))
-        found = kernels().all_singular_directions(_flat(triangle, 2), start, _flat(basis, 2))
-        return Directions(*(array.reshape(*triangle.shape[:-2], *array.shape[1:]) for array in found))
+        basis = np.eye(k) if basis is None else basis
+        return Directions(*kernels().singular_directions(triangle, start, basis))
     if k == 0 or triangle.ndim > 2:
         left, singular, right = np.linalg.svd(triangle[..., start:size, start:size])
         projected = (triangle[..., None, start:size, size] @ left)[..., 0, :]
@@ -124,11 +123,6 @@ def directions(
     return Directions(singular, projected / np.maximum(singular, np.finfo(float).tiny), right, scale)
 
 
-def _flat(array: np.ndarray, last: int) -> np.ndarray:
-    """All leading axes as one."""
-    return np.ascontiguousarray(array).reshape(-1, *array.shape[array.ndim - last :])
-
-
 def _accumulate_many(
     triangle: np.ndarray, kept: np.ndarray, weight: float, y: np.ndarray, omega: np.ndarray, compiled: bool
 ) -> np.ndarray:
@@ -136,9 +130,10 @@ def _accumulate_many(
     lead, size = triangle.shape[:-2], triangle.shape[-1]
     kept = np.broadcast_to(kept, lead)
     if compiled:
-        flat, weights = _flat(triangle, 2), np.full(kept.size, weight)
-        updated = kernels().all_update_triangle(flat, kept.ravel(), weights, _flat(omega, 2), _flat(y, 1))
-        return updated.reshape(triangle.shape)
+        many, arrays = many_kernels(), [batch_last(array, own) for array, own in ((omega, 2), (y, 1))]
+        edges = many.block_edges(kept.size)
+        updated = many.all_update_triangle(batch_last(triangle, 2), kept.ravel(), weight, *arrays, edges)
+        return batch_first(updated, lead)
     updated = np.sqrt(kept)[..., None, None] * triangle
     rows = np.sqrt(weight) * np.concatenate([omega, y[..., None]], axis=-1)
     for j in range(size):

@@ -9,8 +9,8 @@ from shared import load
 
 import eladapt as ea
 import eladapt.estimation
+from eladapt.compiling import kernel_module
 from eladapt.errors import ArgumentError
-from eladapt.estimation import triangle
 from eladapt.estimation.excitation import GateMonitor
 from eladapt.estimation.triangle import accumulate, directions
 
@@ -151,12 +151,12 @@ def test_least_squares_never_forgets_below_the_floor(rng):
 def test_a_kernel_without_numba_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "eladapt.estimation.kernels", None)
     monkeypatch.delattr(eladapt.estimation, "kernels", raising=False)
-    triangle.kernels.cache_clear()
+    kernel_module.cache_clear()
     extension = ea.LeastSquares(compiled=True)
     information, rows = extension.init(2), ea.Regression(np.zeros(1), np.zeros((1, 2)))
     with pytest.raises(ea.EladaptError, match=r"eladapt\[fast\]"):
         extension.step(information, rows, DT)
-    triangle.kernels.cache_clear()
+    kernel_module.cache_clear()
 
 
 def test_forgetting_faster_than_the_step_is_refused():

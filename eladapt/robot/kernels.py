@@ -1,0 +1,156 @@
+"""Torque regressors of many states in one call, compiled by numba (extra ``fast``).
+
+What Pinocchio's computeJointTorqueRegressor finds for one state, with joints of one degree of freedom: motion
+is carried outwards from the base, and with it each joint's axis, into all bodies behind it. The torque of
+a body's parameter about an axis is the power of its wrench along that axis, both in the frame of the body. A
+motion is [linear (3), angular (3)]; the base accelerates upwards, which is what gravity does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+SHARES = 64  # into which the states are divided, so that each processor takes those it has time for
+REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order
+
+
+@njit(cache=True)
+def place_joint(
+    turns: np.ndarray, place: np.ndarray, slide: np.ndarray, position: np.ndarray, frame: np.ndarray
+) -> None:
+    """Fill frame (4, 3), the rotation and the place of a body in its parent's frame.
+
+    position: cosine, sine and shift of the joint; turns (3, 3, 3): what each of [1, cosine, sine] turns.
+    """
+    cosine, sine, shift = position
+    for i in range(3):
+        frame[3, i] = place[i] + shift * slide[i]
+        for j in range(3):
+            frame[i, j] = turns[0, i, j] + cosine * turns[1, i, j] + sine * turns[2, i, j]
+
+
+@njit(cache=True)
+def carry(frame: np.ndarray, before: np.ndarray, after: np.ndarray) -> None:
+    """Fill after (6,) with the motion ``before`` of the parent, as it is at the body and in its frame."""
+    x, y, z = before[3], before[4], before[5]
+    u = before[0] + y * frame[3, 2] - z * frame[3, 1]
+    v = before[1] + z * frame[3, 0] - x * frame[3, 2]
+    w = before[2] + x * frame[3, 1] - y * frame[3, 0]
+    for i in range(3):
+        after[i] = frame[0, i] * u + frame[1, i] * v + frame[2, i] * w
+        after[3 + i] = frame[0, i] * x + frame[1, i] * y + frame[2, i] * z
+
+
+@njit(cache=True)
+def add_cross(one: np.ndarray, two: np.ndarray, factor: float, into: np.ndarray) -> None:
+    """Add factor * one x two of two vectors (3,)."""
+    into[0] += factor * (one[1] * two[2] - one[2] * two[1])
+    into[1] += factor * (one[2] * two[0] - one[0] * two[2])
+    into[2] += factor * (one[0] * two[1] - one[1] * two[0])
+
+
+@njit(cache=True)
+def add_joint_motion(
+    axis: np.ndarray, v: float, a: float, velocity: np.ndarray, acceleration: np.ndarray
+) -> None:
+    """Add a joint's motion to that of its body, which so far is the parent's."""
+    for i in range(6):
+        velocity[i] += v * axis[i]
+        acceleration[i] += a * axis[i]
+    add_cross(velocity[3:], axis[:3], v, acceleration[:3])
+    add_cross(velocity[:3], axis[3:], v, acceleration[:3])
+    add_cross(velocity[3:], axis[3:], v, acceleration[3:])
+
+
+@njit(cache=True)
+def parameter_torques(
+    axis: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray, found: np.ndarray
+) -> None:
+    """Fill found (10,) with the torque about ``axis`` of each parameter of a body, at unit size."""
+    lx, ly, lz, sx, sy, sz = axis[0], axis[1], axis[2], axis[3], axis[4], axis[5]
+    vx, vy, vz, wx, wy, wz = velocity[0], velocity[1], velocity[2], velocity[3], velocity[4], velocity[5]
+    ax, ay, az = acceleration[3], acceleration[4], acceleration[5]
+    # d, the acceleration of the point at the origin, makes m d and mc x d.
+    dx = acceleration[0] + wy * vz - wz * vy
+    dy = acceleration[1] + wz * vx - wx * vz
+    dz = acceleration[2] + wx * vy - wy * vx
+    found[0] = lx * dx + ly * dy + lz * dz
+    # The first moment: l'(a x mc + w x (w x mc)) + s'(mc x d).
+    along, square = wx * lx + wy * ly + wz * lz, wx * wx + wy * wy + wz * wz
+    found[1] = along * wx - square * lx + ly * az - lz * ay + dy * sz - dz * sy
+    found[2] = along * wy - square * ly + lz * ax - lx * az + dz * sx - dx * sz
+    found[3] = along * wz - square * lz + lx * ay - ly * ax + dx * sy - dy * sx
+    # The inertia: s'I a + s'(w x I w) = s'I a + u'I w with u = s x w.
+    ux, uy, uz = sy * wz - sz * wy, sz * wx - sx * wz, sx * wy - sy * wx
+    found[4] = sx * ax + ux * wx
+    found[5] = sx * ay + sy * ax + ux * wy + uy * wx
+    found[6] = sy * ay + uy * wy
+    found[7] = sx * az + sz * ax + ux * wz + uz * wx
+    found[8] = sy * az + sz * ay + uy * wz + uz * wy
+    found[9] = sz * az + uz * wz
+
+
+@njit(cache=True, fastmath=REORDERED)
+def add_regressor(
+    parents: np.ndarray, turns: np.ndarray, places: np.ndarray, slides: np.ndarray, axes: np.ndarray,
+    starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, positions: np.ndarray, v: np.ndarray,
+    a: np.ndarray, into: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray, carried: np.ndarray,
+) -> None:  # fmt: skip
+    """Add the regressor of one state to ``into`` (nv, l).
+
+    velocity, acceleration (n + 1, 6): scratch, the base's motion last; carried (n, n, 6): scratch, the axis
+    of each joint (second) in the frame of each body behind it (first).
+    """
+    frame, found = np.empty((4, 3)), np.empty(10)
+    for body in range(len(parents)):
+        parent, first, end = parents[body], starts[body], starts[body + 1]
+        place_joint(turns[body], places[body], slides[body], positions[body], frame)
+        carry(frame, velocity[parent], velocity[body])
+        carry(frame, acceleration[parent], acceleration[body])
+        add_joint_motion(axes[body], v[body], a[body], velocity[body], acceleration[body])
+        carried[body, body] = axes[body]
+        joint = body
+        while joint >= 0:
+            if joint != body:
+                carry(frame, carried[parent, joint], carried[body, joint])
+            parameter_torques(carried[body, joint], velocity[body], acceleration[body], found)
+            row = into[joint]
+            for e in range(first, end):
+                row[entries[e, 1]] += factors[e] * found[entries[e, 0]]
+            joint = parents[joint]
+    for e in range(starts[len(parents)], len(entries)):  # rotors
+        into[entries[e, 0], entries[e, 1]] += factors[e] * a[entries[e, 0]]
+
+
+@njit(cache=True, parallel=True)
+def filtered_regressors(
+    parents: np.ndarray, turns: np.ndarray, places: np.ndarray, slides: np.ndarray, axes: np.ndarray,
+    starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, gravity: np.ndarray,
+    positions: np.ndarray, v: np.ndarray, a: np.ndarray, omega: np.ndarray, rho: float, weight: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """rho omega + weight W (nv, l, B), W the mean over P states of each of B; weight (nv,), of the rows.
+
+    The tree, outwards: parents (n,), -1 for the base; turns, places and slides as `place_joint` wants them;
+    axes (n, 6). The map from standard parameters: entries (standard, wanted) of one body after the other,
+    body i's from starts[i] on, then the rotors' (joint, wanted); factors. The states: positions
+    (B, P, nv, 3), v and a (B, P, nv).
+    """
+    many, states, n = v.shape
+    filtered, parameters = np.empty_like(omega), omega.shape[1]
+    shares = min(many, SHARES)
+    for share in prange(shares):
+        velocity, acceleration = np.zeros((n + 1, 6)), np.zeros((n + 1, 6))
+        acceleration[n, :3] = -gravity
+        carried, regressor = np.empty((n, n, 6)), np.empty((n, parameters))
+        for b in range(share * many // shares, (share + 1) * many // shares):
+            regressor[:] = 0.0
+            for p in range(states):
+                add_regressor(
+                    parents, turns, places, slides, axes, starts, entries, factors, positions[b, p],
+                    v[b, p], a[b, p], regressor, velocity, acceleration, carried,
+                )  # fmt: skip
+            for i in range(n):
+                for k in range(parameters):
+                    filtered[i, k, b] = rho * omega[i, k, b] + weight[i] / states * regressor[i, k]
+    return filtered
