@@ -13,8 +13,6 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any, TypeVar
 
-import numpy as np
-
 from eladapt.errors import EladaptError
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -35,19 +33,6 @@ def kernel_module(name: str) -> ModuleType:
         return importlib.import_module(name)
     except ImportError as reason:
         raise _missing(reason) from reason
-
-
-def batch_last(array: np.ndarray, own: int) -> np.ndarray:
-    """(..., *own) -> (*own, B), contiguous; no copy of what `batch_first` shows. own: how many axes."""
-    shape = array.shape[array.ndim - own :]
-    lead = tuple(range(array.ndim - own))
-    return np.ascontiguousarray(np.moveaxis(array, lead, range(-len(lead), 0))).reshape(*shape, -1)
-
-
-def batch_first(array: np.ndarray, lead: tuple[int, ...]) -> np.ndarray:
-    """(*own, B) -> (*lead, *own): a view, whose leading axes are the last in memory."""
-    whole = array.reshape(*array.shape[:-1], *lead)
-    return np.moveaxis(whole, range(-len(lead), 0), range(len(lead)))
 
 
 @functools.cache

@@ -27,6 +27,32 @@ def regressors(name: str, sharing: str = "shared", friction: bool = False) -> ea
     return ea.Regressors(load(name), sharing=sharing, friction=friction)
 
 
+def link(name, inertia=0.01):
+    values = " ".join(f'{key}="{inertia}"' for key in ("ixx", "iyy", "izz"))
+    return (
+        f'<link name="{name}"><inertial><origin xyz=".1 .3 .2" rpy="1 2 3"/><mass value="2"/>'
+        f'<inertia {values} ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+
+
+def joint(name, kind, parent, child, lower=-3):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz=".1 0 .2" rpy=".3 .2 .7"/><axis xyz="0 1 2"/>'
+        f'<limit lower="{lower}" upper="3" effort="10" velocity="1"/></joint>'
+    )
+
+
+# Two branches, with joints of every kind off the axes, in another order than Pinocchio's.
+TREE = (
+    '<robot name="tree">'
+    + "".join(map(link, ("base", "a", "b", "c", "d", "e")))
+    + joint("z", "revolute", "base", "a") + joint("k", "revolute", "a", "b", 0.5)
+    + joint("s", "prismatic", "b", "c", 0.4) + joint("m", "continuous", "base", "d")
+    + joint("p", "prismatic", "d", "e", 3) + "</robot>"
+)  # fmt: skip
+
+
 class Trajectory(NamedTuple):
     reg: ea.Regressors
     measurements: list[ea.Measurement]

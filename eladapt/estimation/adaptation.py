@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eladapt.compiling import batch_first, batch_last
+from eladapt.batches import aligned, batch_first, batch_last
 from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.estimation.excitation import zeta_1
 from eladapt.estimation.triangle import kernels, many_kernels
@@ -148,8 +148,8 @@ class CompositeLaw:
         """`_towards` of a batch with one delta for each direction, by numba."""
         vectors = [batch_last(np.asarray(array), 1) for array in (theta, mixed.Y, mixed.delta, gates)]
         many, basis, rate = many_kernels(), batch_last(mixed.basis, 2), float(np.ravel(self.rate)[0])
-        edges = many.block_edges(basis.shape[-1])
-        moved = many.all_approach(*vectors, basis, rate, self.b, dt, edges)
+        moved = aligned(basis.shape[1:])
+        many.all_approach(*vectors, basis, rate, self.b, dt, many.block_edges(basis.shape[-1]), moved)
         return batch_first(moved, theta.shape[:-1])
 
 

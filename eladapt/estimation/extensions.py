@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eladapt.batches import aligned, batch_first, batch_last
 from eladapt.errors import ArgumentError, require_number
-from eladapt.estimation.triangle import accumulate, kernels, least_eigenvalue
+from eladapt.estimation.triangle import accumulate, kernels, least_eigenvalue, many_kernels
 from eladapt.signals import Regression
 
 TINY = float(np.finfo(float).tiny)
@@ -111,19 +112,38 @@ class LeastSquares:
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
         """Forget over dt [s] at the rate that F allows and add the regression held over it."""
         before, weight = information.triangle, self.alpha * dt
-        if self.compiled and before.ndim == 2:
-            triangle, kept, innovation, weakest = kernels().least_squares_step(
-                *information[:2], information.weakest, regression.omega, regression.y, self.alpha, self.beta,
-                self.xi, dt,
-            )  # fmt: skip
+        if self.compiled:
+            triangle, kept, innovation, weakest = self._compiled_step(information, regression, dt)
             self.require_kept(kept, dt)
         else:
-            smallest, weakest = least_eigenvalue(before, information.weakest, self.compiled)
+            smallest, weakest = least_eigenvalue(before, information.weakest)
             kept = 1 - dt * self.forgetting(information.prior + smallest)
             self.require_kept(kept, dt)
-            triangle = accumulate(before, kept, weight, regression, self.compiled)
+            triangle = accumulate(before, kept, weight, regression)
             innovation = _innovation(before, triangle, kept, weight)
         return Information(triangle, kept * information.prior, 1.0, innovation, weakest)
+
+    def _compiled_step(self, information: Information, regression: Regression, dt: float) -> tuple[Any, ...]:
+        """(triangle, kept, innovation, weakest) of one estimator, or of a batch."""
+        triangle, prior, _, _, weakest = information
+        gains = (self.alpha, self.beta, self.xi, dt)
+        if triangle.ndim == 2:
+            return kernels().least_squares_step(
+                triangle, prior, weakest, regression.omega, regression.y, *gains
+            )
+        before, lead = batch_last(triangle, 2), triangle.shape[:-2]
+        prior = np.broadcast_to(prior, lead).ravel()
+        rows = [
+            batch_last(array, own) for array, own in ((weakest, 1), (regression.omega, 2), (regression.y, 1))
+        ]
+        updated, kept, innovation, found = (aligned(a.shape) for a in (before, prior, prior, rows[0]))
+        many = many_kernels()
+        edges = many.block_edges(prior.size)
+        many.all_least_squares_step(before, prior, *rows, *gains, edges, updated, kept, innovation, found)
+        return (
+            batch_first(updated, lead), batch_first(kept, lead), batch_first(innovation, lead),
+            batch_first(found, lead),
+        )  # fmt: skip
 
     def require_kept(self, kept: Any, dt: float) -> None:
         """Raises ArgumentError where a step of dt [s] would forget more than everything."""

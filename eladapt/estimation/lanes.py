@@ -12,6 +12,9 @@ from math import copysign, sqrt
 import numpy as np
 from numba import get_num_threads, njit, prange
 
+VECTOR = (
+    8  # doubles that a processor takes at once; where they straddle lines of the cache, in twice the time
+)
 NARROW, WIDE = 32, 128  # estimators side by side; fewer leave the loops short, more do not fit the cache
 ROTATED = 1e-15  # cosine between two columns that counts as orthogonal
 SETTLED = 1e-7  # a sweep of rotations this small leaves cosines of its square: it was the last
@@ -22,8 +25,19 @@ REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order
 
 def block_edges(many: int) -> np.ndarray:
     """Where the blocks begin, and the end: one a processor, if that makes them neither narrow nor wide."""
-    blocks = max(-(-many // WIDE), min(get_num_threads(), -(-many // NARROW)))
-    return np.array([block * many // blocks for block in range(blocks + 1)])
+    blocks = max(1, -(-many // WIDE), min(get_num_threads(), -(-many // NARROW)))
+    edges = np.arange(blocks + 1) * many // blocks
+    edges[:-1] -= edges[:-1] % VECTOR
+    return edges
+
+
+@njit(cache=True)
+def empty(count: int, width: int) -> np.ndarray:
+    """(count, width) where vectors want it."""
+    size = count * width
+    memory = np.empty(size + VECTOR)
+    skipped = -(memory.ctypes.data // 8) % VECTOR
+    return memory[skipped : skipped + size].reshape(count, width)
 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
@@ -83,8 +97,10 @@ def update_block(
 ) -> None:  # fmt: skip
     """`kernels.update_triangle` of the estimators from lo to hi."""
     size, m, width = len(triangle), len(y), hi - lo
-    rows, factors, occupied = np.empty((size, m, width)), np.empty((m, width)), np.empty(m, np.bool_)
-    root, share, product = np.sqrt(kept[lo:hi]), np.empty(width), np.empty(width)
+    rows, factors = empty(size * m, width).reshape(size, m, width), empty(m, width)
+    scratch, occupied = empty(3, width), np.empty(m, np.bool_)
+    root, share, product = scratch[0], scratch[1], scratch[2]
+    root[:] = np.sqrt(kept[lo:hi])
     for i in range(m):
         for k in range(size - 1):
             rows[k, i] = sqrt(weight) * omega[i, k, lo:hi]
@@ -111,17 +127,16 @@ def update_block(
 
 @njit(cache=True, parallel=True)
 def all_update_triangle(
-    triangle: np.ndarray, kept: np.ndarray, weight: float, omega: np.ndarray, y: np.ndarray, edges: np.ndarray
-) -> np.ndarray:
+    triangle: np.ndarray, kept: np.ndarray, weight: float, omega: np.ndarray, y: np.ndarray,
+    edges: np.ndarray, updated: np.ndarray,
+) -> None:  # fmt: skip
     """`kernels.update_triangle` of B: triangle (l + 1, l + 1, B), kept (B,), omega (m, l, B), y (m, B).
 
-    edges: of the blocks, here and below as `block_edges` has them.
+    Here and below edges are of the blocks, as `block_edges` has them, and what follows is filled in.
     """
-    updated = np.empty_like(triangle)
     for block in prange(len(edges) - 1):
         lo, hi = edges[block], edges[block + 1]
         update_block(triangle, kept, weight, omega, y, lo, hi, updated)
-    return updated
 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
@@ -130,8 +145,9 @@ def invert_block(
 ) -> None:
     """`kernels.inverse_iteration` of the estimators from lo to hi."""
     size, width = len(start), hi - lo
-    half, whole = np.empty((size, width)), np.empty((size, width))
-    regular, pivot, square = np.ones(width), np.empty(width), np.zeros(width)
+    half, whole, scratch = empty(size, width), empty(size, width), empty(3, width)
+    regular, pivot, square = scratch[0], scratch[1], scratch[2]
+    regular[:], square[:] = 1.0, 0.0
     for j in range(size):
         half[j] = start[j, lo:hi]
     for j in range(size):
@@ -165,16 +181,26 @@ def invert_block(
             direction[j, lo + lane] = known if pivot[lane] > 0.0 else start[j, lo + lane]
 
 
-@njit(cache=True, parallel=True)
-def all_inverse_iteration(
-    triangle: np.ndarray, start: np.ndarray, edges: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """`kernels.inverse_iteration` of B: triangle (l + 1, l + 1, B), start (l, B)."""
-    smallest, direction = np.empty(start.shape[1]), np.empty_like(start)
+@njit(cache=True, parallel=True, error_model="numpy")
+def all_least_squares_step(
+    triangle: np.ndarray, prior: np.ndarray, weakest: np.ndarray, omega: np.ndarray, y: np.ndarray,
+    alpha: float, beta: float, xi: float, dt: float, edges: np.ndarray, updated: np.ndarray,
+    kept: np.ndarray, innovation: np.ndarray, direction: np.ndarray,
+) -> None:  # fmt: skip
+    """`kernels.least_squares_step` of B: triangle (l + 1, l + 1, B), prior (B,), weakest (l, B), y (m, B).
+
+    Where kept (B,) <= 0, the rest is without meaning.
+    """
     for block in prange(len(edges) - 1):
         lo, hi = edges[block], edges[block + 1]
-        invert_block(triangle, start, lo, hi, smallest, direction)
-    return smallest, direction
+        invert_block(triangle, weakest, lo, hi, kept, direction)
+        for b in range(lo, hi):
+            information = max((prior[b] + kept[b]) * xi, TINY)
+            kept[b] = 1 - dt * max(0.0, beta * (1 - 1 / information))
+        update_block(triangle, kept, alpha * dt, omega, y, lo, hi, updated)
+        for b in range(lo, hi):
+            grown = updated[-1, -1, b] ** 2 - kept[b] * triangle[-1, -1, b] ** 2
+            innovation[b] = sqrt(max(grown, 0.0) / (alpha * dt))
 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
@@ -199,29 +225,33 @@ def orthonormalise(work: np.ndarray, product: np.ndarray, scale: np.ndarray) -> 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
 def find_rotations(
-    alpha: np.ndarray, beta: np.ndarray, gamma: np.ndarray, cosine: np.ndarray, sine: np.ndarray
-) -> bool:
-    """Fill in what makes p and q orthogonal and p the longer, and the new p'p in alpha, q'q in beta.
+    alpha: np.ndarray, beta: np.ndarray, gamma: np.ndarray, unsettled: np.ndarray, rotation: np.ndarray,
+    moved: np.ndarray,
+) -> bool:  # fmt: skip
+    """Whether p and q are to be rotated in any lane, and by what cosines and sines, rotation (2, lanes).
 
-    gamma: p'q. Returns whether any rotation is of more than rounding. Where q is longer the two change
-    places, and this sweep will not see all of their pairs.
+    Makes them orthogonal and p the longer. alpha, beta: p'p and q'q, of before and then of after; gamma: p'q.
+    moved counts the rotations that are more than rounding, and where q was longer, since the sweep then
+    does not see all pairs. Lanes that are settled, with unsettled 0, are left alone.
     """
-    moving = 0.0
+    turning = 0.0
     for lane in range(len(gamma)):
         longer, shorter = max(alpha[lane], beta[lane]), min(alpha[lane], beta[lane])
         gap, square, whole = longer - shorter, gamma[lane] * gamma[lane], longer * shorter
         orthogonal = (square <= ROTATED * ROTATED * whole) | (shorter < TINY)
         tangent = 2 * gamma[lane] / (gap + sqrt(gap * gap + 4 * square) + TINY)
-        tangent = 0.0 if orthogonal else tangent
+        tangent = 0.0 if orthogonal | (unsettled[lane] == 0.0) else tangent
         c = 1 / sqrt(1 + tangent * tangent)
         s = c * tangent
-        swapped = alpha[lane] < beta[lane]
-        cosine[lane], sine[lane] = s if swapped else c, c if swapped else s
-        alpha[lane] = longer + tangent * gamma[lane]
-        beta[lane] = max(shorter - tangent * gamma[lane], 0.0)
-        large = (abs(tangent) > SETTLED) | (square > SETTLED * SETTLED * whole)
-        moving += 1.0 if swapped | (large & (not orthogonal)) else 0.0
-    return moving > 0.0
+        swapped = (alpha[lane] < beta[lane]) & (unsettled[lane] != 0.0)
+        rotation[0, lane], rotation[1, lane] = s if swapped else c, c if swapped else s
+        settled = unsettled[lane] == 0.0
+        alpha[lane] = alpha[lane] if settled else longer + tangent * gamma[lane]
+        beta[lane] = beta[lane] if settled else max(shorter - tangent * gamma[lane], 0.0)
+        large = (abs(tangent) > SETTLED) | ((square > SETTLED * SETTLED * whole) & (tangent != 0.0))
+        moved[lane] += 1.0 if swapped | large else 0.0
+        turning += 1.0 if swapped | (tangent != 0.0) else 0.0
+    return turning > 0.0
 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
@@ -241,9 +271,11 @@ def diagonalise(work: np.ndarray, squares: np.ndarray) -> None:
     work (n, 2 n, lanes); fills in squares (n, lanes), of the lengths of T V's columns.
     """
     n, width = len(work), work.shape[2]
-    product, cosine, sine = np.empty(width), np.empty(width), np.empty(width)
+    scratch = empty(5, width)
+    product, rotation, unsettled, moved = scratch[0], scratch[1:3], scratch[3], scratch[4]
+    unsettled[:] = 1.0
     for _ in range(SWEEPS):
-        moving = False
+        moved[:] = 0.0
         squares[:] = 0.0
         for p in range(n):
             add_products(work[p, :n], work[p, :n], squares[p])
@@ -251,9 +283,10 @@ def diagonalise(work: np.ndarray, squares: np.ndarray) -> None:
             for q in range(p + 1, n):
                 product[:] = 0.0
                 add_products(work[p, :n], work[q, :n], product)
-                moving |= find_rotations(squares[p], squares[q], product, cosine, sine)
-                rotate(work[p], work[q], cosine, sine)
-        if not moving:
+                if find_rotations(squares[p], squares[q], product, unsettled, rotation, moved):
+                    rotate(work[p], work[q], rotation[0], rotation[1])
+        unsettled[:] = moved
+        if np.sum(moved) == 0.0:
             return
 
 
@@ -264,10 +297,12 @@ def mix_block(
 ) -> None:  # fmt: skip
     """`kernels.directional_mix` of the estimators from lo to hi."""
     size, n, width = len(triangle) - 1, len(basis), hi - lo
-    work, squares = np.zeros((n, 2 * n, width)), np.empty((n, width))
-    scale, projected = np.zeros(width), np.empty(width)
+    work, squares = empty(2 * n * n, width).reshape(n, 2 * n, width), empty(n, width)
+    scratch = empty(2, width)
+    scale, projected = scratch[0], scratch[1]
     for p in range(n):
         for i in range(n):
+            work[p, i] = 0.0
             work[p, n + i] = basis[i, p, lo:hi]
     orthonormalise(work, scale, projected)
     for p in range(n):
@@ -294,18 +329,15 @@ def mix_block(
 @njit(cache=True, parallel=True)
 def all_directional_mix(
     triangle: np.ndarray, first: int, basis: np.ndarray, prior: np.ndarray, saturation: float, dust: float,
-    edges: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    edges: np.ndarray, Y: np.ndarray, gates: np.ndarray, vectors: np.ndarray,
+) -> None:  # fmt: skip
     """`kernels.directional_mix` of B: triangle (l + 1, l + 1, B), basis (n, n, B), prior (B,).
 
-    Returns Y and gates (n, B) and V (n, n, B).
+    Y and gates (n, B), vectors (n, n, B).
     """
-    many, n = len(prior), len(basis)
-    Y, gates, vectors = np.empty((n, many)), np.empty((n, many)), np.empty((n, n, many))
     for block in prange(len(edges) - 1):
         lo, hi = edges[block], edges[block + 1]
         mix_block(triangle, first, basis, prior, saturation, dust, lo, hi, Y, gates, vectors)
-    return Y, gates, vectors
 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
@@ -314,7 +346,8 @@ def approach_block(
     b: float, dt: float, lo: int, hi: int, moved: np.ndarray,
 ) -> None:  # fmt: skip
     """The flow of `CompositeLaw` towards the estimate, of the estimators from lo to hi."""
-    error, change = np.empty(hi - lo), np.empty(hi - lo)
+    scratch = empty(2, hi - lo)
+    error, change = scratch[0], scratch[1]
     for i in range(len(theta)):
         moved[i, lo:hi] = theta[i, lo:hi]
     for p in range(len(Y)):
@@ -339,11 +372,9 @@ def approach_block(
 @njit(cache=True, parallel=True)
 def all_approach(
     theta: np.ndarray, Y: np.ndarray, delta: np.ndarray, gates: np.ndarray, basis: np.ndarray, rate: float,
-    b: float, dt: float, edges: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    b: float, dt: float, edges: np.ndarray, moved: np.ndarray,
+) -> None:  # fmt: skip
     """theta (n, B) after dt of each direction's flow; Y, delta and gates (n, B), basis (n, n, B)."""
-    moved = np.empty_like(theta)
     for block in prange(len(edges) - 1):
         lo, hi = edges[block], edges[block + 1]
         approach_block(theta, Y, delta, gates, basis, rate, b, dt, lo, hi, moved)
-    return moved

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from eladapt.compiling import batch_first, batch_last
+from eladapt.batches import aligned, batch_first, batch_last
 from eladapt.errors import ArgumentError
 from eladapt.estimation.extensions import Information
 from eladapt.estimation.triangle import directions, kernels, many_kernels
@@ -113,11 +113,14 @@ class Directional:
                 *kernels().directional_mix(triangle, first, basis, information.prior, saturation, DUST)
             )
         prior = np.broadcast_to(information.prior, lead).ravel()
-        basis = np.broadcast_to(basis, (*lead, n_potential, n_potential))
-        many = many_kernels()
-        found = many.all_directional_mix(
-            batch_last(triangle, 2), first, batch_last(basis, 2), prior, saturation, DUST,
-            many.block_edges(prior.size),
+        basis = batch_last(np.broadcast_to(basis, (*lead, n_potential, n_potential)), 2)
+        many, found = (
+            many_kernels(),
+            [aligned(basis.shape[1:]), aligned(basis.shape[1:]), aligned(basis.shape)],
+        )
+        many.all_directional_mix(
+            batch_last(triangle, 2), first, basis, prior, saturation, DUST, many.block_edges(prior.size),
+            *found,
         )  # fmt: skip
         return MixedRegression(*(batch_first(array, lead) for array in found))
 

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dgesdd, dtpqrt, dtrtrs
 
-from eladapt.compiling import batch_first, batch_last, kernel_module
+from eladapt.batches import aligned, batch_first, batch_last
+from eladapt.compiling import kernel_module
 from eladapt.errors import ArgumentError
 from eladapt.signals import Regression
 
@@ -67,21 +68,12 @@ def accumulate(
     return updated
 
 
-def least_eigenvalue(
-    triangle: np.ndarray, weakest: np.ndarray, compiled: bool = False
-) -> tuple[float | np.ndarray, np.ndarray]:
+def least_eigenvalue(triangle: np.ndarray, weakest: np.ndarray) -> tuple[float | np.ndarray, np.ndarray]:
     """The smallest eigenvalue of R = T'T (a Rayleigh quotient, never below it), and its direction (..., l).
 
     One step of inverse iteration from ``weakest``, that of the sample before. R changes little from one
     sample to the next, so the direction keeps up with it, at a fifteenth of the cost of singular values.
     """
-    if compiled:
-        if triangle.ndim == 2:
-            return kernels().inverse_iteration(triangle, weakest)
-        many, rows = many_kernels(), batch_last(weakest, 1)
-        edges = many.block_edges(rows.shape[-1])
-        smallest, found = many.all_inverse_iteration(batch_last(triangle, 2), rows, edges)
-        return smallest.reshape(triangle.shape[:-2]), batch_first(found, triangle.shape[:-2])
     if triangle.ndim > 2:
         return _least_eigenvalues(triangle, weakest)
     factor = np.asfortranarray(triangle[:-1, :-1])
@@ -131,8 +123,9 @@ def _accumulate_many(
     kept = np.broadcast_to(kept, lead)
     if compiled:
         many, arrays = many_kernels(), [batch_last(array, own) for array, own in ((omega, 2), (y, 1))]
-        edges = many.block_edges(kept.size)
-        updated = many.all_update_triangle(batch_last(triangle, 2), kept.ravel(), weight, *arrays, edges)
+        before, edges = batch_last(triangle, 2), many.block_edges(kept.size)
+        updated = aligned(before.shape)
+        many.all_update_triangle(before, kept.ravel(), weight, *arrays, edges, updated)
         return batch_first(updated, lead)
     updated = np.sqrt(kept)[..., None, None] * triangle
     rows = np.sqrt(weight) * np.concatenate([omega, y[..., None]], axis=-1)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from eladapt.compiling import batch_first, batch_last, kernel_module
+from eladapt.batches import aligned, batch_first, batch_last
+from eladapt.compiling import kernel_module
 from eladapt.robot.model import Robot
 
 
@@ -72,17 +73,21 @@ class TorqueRegressors:
         kernel = kernel_module("eladapt.robot.kernels").filtered_regressors
         rates = (np.zeros_like(v), np.zeros_like(v)) if self.still else map(np.ascontiguousarray, (v, a))
         positions = self._joint_positions(q)
-        found = kernel(*self.tree, *self.map, positions, *rates, batch_last(omega, 2), rho, weight)
+        before = batch_last(omega, 2)
+        found = aligned(before.shape)
+        kernel(*self.tree, *self.map, positions, *rates, before, rho, weight, found)
         return batch_first(found, omega.shape[:1])
 
     def _joint_positions(self, q: np.ndarray) -> np.ndarray:
         """(..., nv, 3): cosine, sine and shift of each joint."""
-        first, sliding, continuous = self.positions.first, self.sliding, self.positions.continuous
-        coordinate = q[..., first]
-        found = np.empty((*coordinate.shape, 3))
-        angle = np.where(sliding, 0.0, coordinate)
-        found[..., 0], found[..., 1] = np.cos(angle), np.sin(angle)
-        found[..., 2] = np.where(sliding, coordinate, 0.0)
+        sliding, continuous = self.sliding, self.positions.continuous
+        coordinate = q[..., self.positions.first]
+        found = np.zeros((*coordinate.shape, 3))
+        np.cos(coordinate, out=found[..., 0])
+        np.sin(coordinate, out=found[..., 1])
+        if sliding.any():
+            found[..., sliding, :2] = 1.0, 0.0
+            found[..., sliding, 2] = coordinate[..., sliding]
         if continuous.any():
             found[..., continuous, 0] = coordinate[..., continuous]
             found[..., continuous, 1] = q[..., self.positions.sines]

@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-SHARES = 64  # into which the states are divided, so that each processor takes those it has time for
+GROUP = 8  # of the batch, whose results stand in one line of the cache
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def place_joint(
     turns: np.ndarray, place: np.ndarray, slide: np.ndarray, position: np.ndarray, frame: np.ndarray
 ) -> None:
@@ -30,7 +30,7 @@ def place_joint(
             frame[i, j] = turns[0, i, j] + cosine * turns[1, i, j] + sine * turns[2, i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def carry(frame: np.ndarray, before: np.ndarray, after: np.ndarray) -> None:
     """Fill after (6,) with the motion ``before`` of the parent, as it is at the body and in its frame."""
     x, y, z = before[3], before[4], before[5]
@@ -42,7 +42,7 @@ def carry(frame: np.ndarray, before: np.ndarray, after: np.ndarray) -> None:
         after[3 + i] = frame[0, i] * x + frame[1, i] * y + frame[2, i] * z
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def add_cross(one: np.ndarray, two: np.ndarray, factor: float, into: np.ndarray) -> None:
     """Add factor * one x two of two vectors (3,)."""
     into[0] += factor * (one[1] * two[2] - one[2] * two[1])
@@ -50,7 +50,7 @@ def add_cross(one: np.ndarray, two: np.ndarray, factor: float, into: np.ndarray)
     into[2] += factor * (one[0] * two[1] - one[1] * two[0])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def add_joint_motion(
     axis: np.ndarray, v: float, a: float, velocity: np.ndarray, acceleration: np.ndarray
 ) -> None:
@@ -63,7 +63,7 @@ def add_joint_motion(
     add_cross(velocity[3:], axis[3:], v, acceleration[3:])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def parameter_torques(
     axis: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray, found: np.ndarray
 ) -> None:
@@ -128,29 +128,29 @@ def filtered_regressors(
     parents: np.ndarray, turns: np.ndarray, places: np.ndarray, slides: np.ndarray, axes: np.ndarray,
     starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, gravity: np.ndarray,
     positions: np.ndarray, v: np.ndarray, a: np.ndarray, omega: np.ndarray, rho: float, weight: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """rho omega + weight W (nv, l, B), W the mean over P states of each of B; weight (nv,), of the rows.
+    filtered: np.ndarray,
+) -> None:  # fmt: skip
+    """Fill in filtered (nv, l, B), rho omega + weight W, W the mean over P states of each; weight (nv,).
 
     The tree, outwards: parents (n,), -1 for the base; turns, places and slides as `place_joint` wants them;
     axes (n, 6). The map from standard parameters: entries (standard, wanted) of one body after the other,
     body i's from starts[i] on, then the rotors' (joint, wanted); factors. The states: positions
     (B, P, nv, 3), v and a (B, P, nv).
     """
-    many, states, n = v.shape
-    filtered, parameters = np.empty_like(omega), omega.shape[1]
-    shares = min(many, SHARES)
-    for share in prange(shares):
+    (many, states, n), parameters = v.shape, omega.shape[1]
+    for group in prange((many + GROUP - 1) // GROUP):
+        lo, hi = group * GROUP, min((group + 1) * GROUP, many)
         velocity, acceleration = np.zeros((n + 1, 6)), np.zeros((n + 1, 6))
         acceleration[n, :3] = -gravity
-        carried, regressor = np.empty((n, n, 6)), np.empty((n, parameters))
-        for b in range(share * many // shares, (share + 1) * many // shares):
-            regressor[:] = 0.0
+        carried, regressors = np.empty((n, n, 6)), np.zeros((GROUP, n, parameters))
+        for b in range(lo, hi):
             for p in range(states):
                 add_regressor(
                     parents, turns, places, slides, axes, starts, entries, factors, positions[b, p],
-                    v[b, p], a[b, p], regressor, velocity, acceleration, carried,
+                    v[b, p], a[b, p], regressors[b - lo], velocity, acceleration, carried,
                 )  # fmt: skip
-            for i in range(n):
-                for k in range(parameters):
-                    filtered[i, k, b] = rho * omega[i, k, b] + weight[i] / states * regressor[i, k]
-    return filtered
+        for i in range(n):
+            factor = weight[i] / states
+            for k in range(parameters):
+                for b in range(lo, hi):
+                    filtered[i, k, b] = rho * omega[i, k, b] + factor * regressors[b - lo, i, k]

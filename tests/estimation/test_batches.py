@@ -9,9 +9,11 @@ from shared import load
 
 import eladapt as ea
 import eladapt.estimation
+from eladapt.batches import aligned
 from eladapt.compiling import kernel_module
 from eladapt.errors import ArgumentError
 from eladapt.estimation.excitation import GateMonitor
+from eladapt.estimation.extensions import Information
 from eladapt.estimation.triangle import accumulate, directions
 
 DT, MANY, STEPS = 1e-3, 3, 60
@@ -69,9 +71,13 @@ def test_many_estimators_in_one_call_are_the_single_ones(name, balance, extensio
     law = ea.CompositeLaw()
     together = [stacked(runs, k) for k in range(STEPS + 1)]
     many = dataclasses.replace(extension, compiled=compiled)
+    balances = balance(reg)
+    if compiled and balance is ea.ForceBalance:
+        balances = dataclasses.replace(balances, compiled=True)
     information, mixed, last = chain(
-        balance(reg), many, ea.Directional(compiled), law, reg, together, theta, (MANY,)
-    )
+        balances, many, ea.Directional(compiled), dataclasses.replace(law, compiled=compiled), reg, together,
+        theta, (MANY,),
+    )  # fmt: skip
     for b, run in enumerate(runs):
         one, lone, single = chain(balance(reg), extension, ea.Directional(), law, reg, run, theta[b])
         close(one.triangle.T @ one.triangle, information.triangle[b].T @ information.triangle[b], "R")
@@ -164,3 +170,78 @@ def test_forgetting_faster_than_the_step_is_refused():
     information = extension.init(2)._replace(triangle=np.diag([1e3, 1e3, 0.0]))
     with pytest.raises(ArgumentError, match="dt < 1/beta"):
         extension.step(information, ea.Regression(np.ones(2), np.eye(2)), DT)
+
+
+@pytest.mark.parametrize("lead", [(1,), (5,), (33,), (150,), (2, 3)], ids=str)
+@pytest.mark.parametrize("extension", [ea.LeastSquares(compiled=True), ea.Kreisselmeier(compiled=True)])
+def test_batches_of_every_size_are_their_members(lead, extension, rng):
+    """Compiled, with one leading axis or two, over several blocks: each as alone."""
+    size, k = 7, 4
+    one = [extension.init(size) for _ in range(np.prod(lead))]
+    many = extension.init(size, lead)
+    for _ in range(12):
+        y, omega = rng.normal(size=(*lead, 3)), rng.normal(size=(*lead, 3, size))
+        omega[..., 1, 2] = 0.0  # a row that takes no part in one reflection
+        many = extension.step(many, ea.Regression(y, omega), DT)
+        rows = zip(y.reshape(-1, 3), omega.reshape(-1, 3, size), strict=True)
+        one = [extension.step(each, ea.Regression(*row), DT) for each, row in zip(one, rows, strict=True)]
+    mixed = ea.Directional(compiled=True).mix(many, k)
+    for place, each in zip(np.ndindex(lead), one, strict=True):
+        # A row's sign is arbitrary where it begins with rounding.
+        close(np.abs(many.triangle[place]), np.abs(each.triangle), "triangle")
+        close(many.innovation[place], each.innovation, "innovation")
+        alone = ea.Directional().mix(each, k)
+        close(mixed.delta[place], alone.delta, "gates")
+        estimates = [
+            m.basis @ (m.Y / m.delta) for m in (alone, ea.MixedRegression(*(a[place] for a in mixed)))
+        ]
+        close(*estimates, "estimate")
+
+
+def test_a_batchs_directions_are_found_in_whatever_order_the_columns_stand(rng):
+    """Longer columns behind shorter ones, some decoupled, all in one batch: as by LAPACK, one by one."""
+    size, many = 6, 150
+    factor = np.triu(rng.normal(size=(many, size + 1, size + 1)))
+    for each, coupling in zip(factor, np.tile([0.0, 1e-9, 1e-8, 1e-4, 1.0], many // 5), strict=True):
+        each[0, 1:size] *= coupling
+        each[np.diag_indices(size)] = rng.permutation(np.logspace(-1, 1, size))
+    information = Information(factor, np.ones(many), 0.0)
+    mixed = ea.Directional(compiled=True).mix(information, size)
+    singular = np.linalg.svd(factor[:, :size, :size], compute_uv=False)
+    # As in the test of one triangle: rounding of the largest, and ten thousand times that for the solution.
+    largest = singular[:, :1]
+    np.testing.assert_allclose(np.sqrt(mixed.delta) / largest, singular / largest, rtol=0, atol=1e-13)
+    solved = np.linalg.solve(factor[:, :size, :size], factor[:, :size, size:])[..., 0]
+    found = (mixed.basis @ (mixed.Y / mixed.delta)[..., None])[..., 0]
+    assert np.all(np.abs(found - solved).max(axis=1) <= 1e-10 * (1 + np.abs(solved).max(axis=1)))
+
+
+@pytest.mark.parametrize("b", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize("many", [1, 40])
+def test_a_batchs_law_is_the_single_one(b, many, rng):
+    """The direct term and the flow of each direction, one of them without excitation."""
+    law, n = ea.CompositeLaw(b=b), 5
+    theta, Y, delta = rng.normal(size=(3, many, n))
+    delta = np.abs(delta)
+    delta[:, 2] = Y[:, 2] = 0.0
+    basis = np.linalg.qr(rng.normal(size=(many, n, n)))[0]
+    psi, (e1, e2) = rng.normal(size=(many, 3, n)), rng.normal(size=(2, many, 3))
+    mixed = ea.MixedRegression(Y, delta, basis)
+    together = dataclasses.replace(law, compiled=True).step(theta, psi, e1, e2, mixed, DT)
+    for i in range(many):
+        alone = law.step(theta[i], psi[i], e1[i], e2[i], ea.MixedRegression(*(a[i] for a in mixed)), DT)
+        np.testing.assert_allclose(together[i], alone, rtol=0, atol=1e-13)
+
+
+def test_a_batchs_memory_is_used_again_only_when_nothing_shows_it():
+    shape = (70, 4, 256)
+    first = aligned(shape)
+    address, part = first.ctypes.data, first[3:5].transpose(2, 1, 0)
+    part[:] = 7.0
+    assert address % 64 == 0
+    del first
+    for _ in range(8):
+        aligned(shape)[:] = 0.0
+    np.testing.assert_array_equal(part, 7.0)
+    del part
+    assert address in {aligned(shape).ctypes.data for _ in range(8)}

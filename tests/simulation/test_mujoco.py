@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from shared import load
+from shared import TREE, joint, link, load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, EladaptError, SimulationError, UnknownNameError, UrdfError
@@ -185,32 +185,10 @@ def test_the_controller_does_not_tell_the_plants_apart(mujoco_plant):
     assert np.abs(record.error[-1]).max() < 1e-3
 
 
-def link(name, inertia=0.01):
-    values = " ".join(f'{key}="{inertia}"' for key in ("ixx", "iyy", "izz"))
-    return (
-        f'<link name="{name}"><inertial><origin xyz=".1 .3 .2" rpy="1 2 3"/><mass value="2"/>'
-        f'<inertia {values} ixy="0" ixz="0" iyz="0"/></inertial></link>'
-    )
-
-
-def joint(name, kind, parent, child, lower=-3):
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz=".1 0 .2" rpy=".3 .2 .7"/><axis xyz="0 1 2"/>'
-        f'<limit lower="{lower}" upper="3" effort="10" velocity="1"/></joint>'
-    )
-
-
 def test_branches_and_locked_joints_are_matched_by_name(mujoco_plant, tmp_path, rng, monkeypatch):
     """Joints in another order than the file's, some locked away from zero; nothing is left behind."""
     path = tmp_path / "tree.urdf"
-    links = "".join(map(link, ("base", "a", "b", "c", "d", "e")))
-    joints = (
-        joint("z", "revolute", "base", "a") + joint("k", "revolute", "a", "b", 0.5)
-        + joint("s", "prismatic", "b", "c", 0.4) + joint("m", "continuous", "base", "d")
-        + joint("p", "prismatic", "d", "e", 3)
-    )  # fmt: skip
-    path.write_text(f'<robot name="tree">{links}{joints}</robot>')
+    path.write_text(TREE)
     monkeypatch.chdir(tmp_path)
     for locked in ((), ("k",), ("s", "z"), ("k", "s")):
         robot = ea.Robot.from_urdf(path, locked=locked)

@@ -1,0 +1,60 @@
+"""Arrays of a batch as compiled kernels want them: its axis last, aligned, in memory that is used again."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections import deque
+
+import numpy as np
+
+ALIGNMENT = 8  # doubles; a vector of eight that straddles two lines of the cache takes twice the time
+LARGE = 1 << 14  # doubles; from here on, fresh memory costs more than the kernel that fills it
+SPARE = 4  # arrays of one size that are kept
+
+
+def aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """An empty array of doubles that begins at a line of the cache."""
+    size = math.prod(shape)
+    memory = np.empty(size + ALIGNMENT) if size < LARGE else np.asarray(_Lease(size + ALIGNMENT))
+    skipped = -(memory.ctypes.data // memory.itemsize) % ALIGNMENT
+    return memory[skipped : skipped + size].reshape(shape)
+
+
+class _Lease:
+    """Memory that is laid by for the next array of its size when no array is left that shows it."""
+
+    def __init__(self, size: int):
+        self._spare = _spare(size)
+        try:
+            self._memory = self._spare.pop()
+        except IndexError:
+            self._memory = np.empty(size)
+        self.__array_interface__ = self._memory.__array_interface__
+
+    def __del__(self) -> None:
+        self._spare.append(self._memory)
+
+
+@functools.lru_cache(maxsize=16)
+def _spare(size: int) -> deque[np.ndarray]:
+    """What memory of this size is free."""
+    return deque(maxlen=SPARE)
+
+
+def batch_last(array: np.ndarray, own: int) -> np.ndarray:
+    """(..., *own) -> (*own, B), contiguous; no copy of what `batch_first` shows. own: how many axes."""
+    lead = array.ndim - own
+    moved = array.transpose(*range(lead, array.ndim), *range(lead))
+    if not moved.flags.c_contiguous:
+        found = aligned(moved.shape)
+        found[...] = moved
+        moved = found
+    return moved if lead == 1 else moved.reshape(*moved.shape[:own], -1)
+
+
+def batch_first(array: np.ndarray, lead: tuple[int, ...]) -> np.ndarray:
+    """(*own, B) -> (*lead, *own): a view, whose leading axes are the last in memory."""
+    own = array.ndim - 1
+    whole = array if len(lead) == 1 else array.reshape(*array.shape[:-1], *lead)
+    return whole.transpose(*range(own, own + len(lead)), *range(own))
