@@ -10,26 +10,49 @@ import numpy as np
 
 ALIGNMENT = 8  # doubles; a vector of eight that straddles two lines of the cache takes twice the time
 LARGE = 1 << 14  # doubles; from here on, fresh memory costs more than the kernel that fills it
-SPARE = 4  # arrays of one size that are kept
+SPARE = 4  # arrays of one kind that are kept
 
 
 def aligned(shape: tuple[int, ...]) -> np.ndarray:
     """An empty array of doubles that begins at a line of the cache."""
     size = math.prod(shape)
-    memory = np.empty(size + ALIGNMENT) if size < LARGE else np.asarray(_Lease(size + ALIGNMENT))
+    return (_fresh(size) if size < LARGE else np.asarray(_Lease(size))).reshape(shape)
+
+
+def triangular(shape: tuple[int, int, int]) -> np.ndarray:
+    """(n, n, B) of triangles to be filled in; what is below their diagonals is zero and must be left so.
+
+    Writing all those zeros each time would be a third of what a kernel writes. Show the array with
+    `read_only`.
+    """
+    return np.asarray(_Lease(math.prod(shape), shape)).reshape(shape)
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A view that refuses to be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _fresh(size: int, zeros: bool = False) -> np.ndarray:
+    memory = (np.zeros if zeros else np.empty)(size + ALIGNMENT)
     skipped = -(memory.ctypes.data // memory.itemsize) % ALIGNMENT
-    return memory[skipped : skipped + size].reshape(shape)
+    return memory[skipped : skipped + size]
 
 
 class _Lease:
-    """Memory that is laid by for the next array of its size when no array is left that shows it."""
+    """Memory that is laid by for the next array of its kind when no array is left that shows it.
 
-    def __init__(self, size: int):
-        self._spare = _spare(size)
+    NumPy's arrays keep what they are made of, if that is no array itself. triangles: the shape, for zeros.
+    """
+
+    def __init__(self, size: int, triangles: tuple[int, int, int] | None = None):
+        self._spare = _spare(size, triangles)
         try:
             self._memory = self._spare.pop()
         except IndexError:
-            self._memory = np.empty(size)
+            self._memory = _fresh(size, zeros=triangles is not None)
         self.__array_interface__ = self._memory.__array_interface__
 
     def __del__(self) -> None:
@@ -37,8 +60,8 @@ class _Lease:
 
 
 @functools.lru_cache(maxsize=16)
-def _spare(size: int) -> deque[np.ndarray]:
-    """What memory of this size is free."""
+def _spare(size: int, triangles: tuple[int, int, int] | None) -> deque[np.ndarray]:
+    """What memory of this kind is free."""
     return deque(maxlen=SPARE)
 
 

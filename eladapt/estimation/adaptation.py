@@ -84,6 +84,8 @@ class CompositeLaw:
         gates = zeta_1(mixed.delta, self.b, self.d) if gates is None else gates
         if self.compiled and theta.ndim == 1:
             theta = self._compiled_step(theta, psi, e1, e2, mixed, gates, dt)
+        elif self.compiled and np.ndim(mixed.delta) == theta.ndim and self.scalar_rate:
+            theta = self._step_together(theta, psi, e1, e2, mixed, gates, dt)
         else:
             if self.direct:
                 position, velocity = self.direct_factors
@@ -126,11 +128,25 @@ class CompositeLaw:
             dt,
         )
 
+    def _step_together(
+        self, theta: np.ndarray, psi: np.ndarray, e1: np.ndarray, e2: np.ndarray, mixed: MixedRegression,
+        gates: np.ndarray, dt: float,
+    ) -> np.ndarray:  # fmt: skip
+        """`_compiled_step` of a batch with one delta for each direction."""
+        many, basis, (nv, j) = many_kernels(), batch_last(mixed.basis, 2), psi.shape[-2:]
+        Gamma, rate = self.vectors
+        adapted = aligned(basis.shape[1:])
+        many.all_adapt(
+            batch_last(theta, 1), psi.reshape(-1, nv, j), e1.reshape(-1, nv), e2.reshape(-1, nv),
+            *self.direct_factors, Gamma, float(rate[0]), self.b, batch_last(mixed.Y, 1),
+            batch_last(np.asarray(mixed.delta), 1), batch_last(gates, 1), basis, dt,
+            many.block_edges(basis.shape[-1]), adapted,
+        )  # fmt: skip
+        return batch_first(adapted, theta.shape[:-1])
+
     def _towards(self, mixed: MixedRegression, theta: np.ndarray, gates: np.ndarray, dt: float) -> np.ndarray:
         """The indirect term's flow from theta, towards the least-squares estimate."""
         directional = np.ndim(mixed.delta) == mixed.Y.ndim
-        if self.compiled and directional and self.scalar_rate:
-            return self._towards_together(mixed, theta, gates, dt)
         delta = mixed.delta if directional else np.asarray(mixed.delta)[..., None]
         gates = gates if directional else np.reshape(gates, np.shape(delta))
         excited = delta > 0
@@ -141,16 +157,6 @@ class CompositeLaw:
             error = theta - estimate[..., -theta.shape[-1] :]
         moved = np.where(excited, flow(error, self.rate * gates, self.b, dt) - error, 0.0)
         return theta + ((mixed.basis @ moved[..., None])[..., 0] if directional else moved)
-
-    def _towards_together(
-        self, mixed: MixedRegression, theta: np.ndarray, gates: np.ndarray, dt: float
-    ) -> np.ndarray:
-        """`_towards` of a batch with one delta for each direction, by numba."""
-        vectors = [batch_last(np.asarray(array), 1) for array in (theta, mixed.Y, mixed.delta, gates)]
-        many, basis, rate = many_kernels(), batch_last(mixed.basis, 2), float(np.ravel(self.rate)[0])
-        moved = aligned(basis.shape[1:])
-        many.all_approach(*vectors, basis, rate, self.b, dt, many.block_edges(basis.shape[-1]), moved)
-        return batch_first(moved, theta.shape[:-1])
 
 
 def flow(x: np.ndarray, rate: float | np.ndarray, b: float, dt: float) -> np.ndarray:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.batches import aligned, batch_first, batch_last
+from eladapt.batches import aligned, batch_first, batch_last, read_only, triangular
 from eladapt.errors import ArgumentError, require_number
 from eladapt.estimation.triangle import accumulate, kernels, least_eigenvalue, many_kernels
 from eladapt.signals import Regression
@@ -113,7 +113,11 @@ class LeastSquares:
         """Forget over dt [s] at the rate that F allows and add the regression held over it."""
         before, weight = information.triangle, self.alpha * dt
         if self.compiled:
-            triangle, kept, innovation, weakest = self._compiled_step(information, regression, dt)
+            step = kernels().least_squares_step if before.ndim == 2 else _least_squares_steps
+            triangle, kept, innovation, weakest = step(
+                before, information.prior, information.weakest, regression.omega, regression.y, self.alpha,
+                self.beta, self.xi, dt,
+            )  # fmt: skip
             self.require_kept(kept, dt)
         else:
             smallest, weakest = least_eigenvalue(before, information.weakest)
@@ -122,28 +126,6 @@ class LeastSquares:
             triangle = accumulate(before, kept, weight, regression)
             innovation = _innovation(before, triangle, kept, weight)
         return Information(triangle, kept * information.prior, 1.0, innovation, weakest)
-
-    def _compiled_step(self, information: Information, regression: Regression, dt: float) -> tuple[Any, ...]:
-        """(triangle, kept, innovation, weakest) of one estimator, or of a batch."""
-        triangle, prior, _, _, weakest = information
-        gains = (self.alpha, self.beta, self.xi, dt)
-        if triangle.ndim == 2:
-            return kernels().least_squares_step(
-                triangle, prior, weakest, regression.omega, regression.y, *gains
-            )
-        before, lead = batch_last(triangle, 2), triangle.shape[:-2]
-        prior = np.broadcast_to(prior, lead).ravel()
-        rows = [
-            batch_last(array, own) for array, own in ((weakest, 1), (regression.omega, 2), (regression.y, 1))
-        ]
-        updated, kept, innovation, found = (aligned(a.shape) for a in (before, prior, prior, rows[0]))
-        many = many_kernels()
-        edges = many.block_edges(prior.size)
-        many.all_least_squares_step(before, prior, *rows, *gains, edges, updated, kept, innovation, found)
-        return (
-            batch_first(updated, lead), batch_first(kept, lead), batch_first(innovation, lead),
-            batch_first(found, lead),
-        )  # fmt: skip
 
     def require_kept(self, kept: Any, dt: float) -> None:
         """Raises ArgumentError where a step of dt [s] would forget more than everything."""
@@ -161,6 +143,22 @@ class LeastSquares:
         if isinstance(information, float):
             return max(0.0, self.beta * (1 - 1 / max(information, TINY)))
         return np.maximum(self.beta * (1 - 1 / np.maximum(information, TINY)), 0.0)
+
+
+def _least_squares_steps(
+    triangle: np.ndarray, prior: Any, weakest: np.ndarray, omega: np.ndarray, y: np.ndarray, *gains: float
+) -> tuple[np.ndarray, ...]:
+    """`kernels.least_squares_step` of a batch; gains: alpha, beta, xi, dt."""
+    many, lead = many_kernels(), triangle.shape[:-2]
+    triangle, weakest = read_only(batch_last(triangle, 2)), batch_last(weakest, 1)
+    prior = np.broadcast_to(prior, lead).ravel()
+    updated = triangular(triangle.shape)
+    kept, innovation, found = (aligned(array.shape) for array in (prior, prior, weakest))
+    many.all_least_squares_step(
+        triangle, prior, weakest, batch_last(omega, 2), batch_last(y, 1), *gains,
+        many.block_edges(prior.size), updated, kept, innovation, found,
+    )  # fmt: skip
+    return tuple(batch_first(array, lead) for array in (read_only(updated), kept, innovation, found))
 
 
 def _nothing(size: int, lead: tuple[int, ...], prior: float, saturation: float, by_rows: bool) -> Information:

@@ -7,14 +7,13 @@ functions want contiguous arrays with the batch last; `Information` and the rest
 
 from __future__ import annotations
 
+import functools
 from math import copysign, sqrt
 
 import numpy as np
 from numba import get_num_threads, njit, prange
 
-VECTOR = (
-    8  # doubles that a processor takes at once; where they straddle lines of the cache, in twice the time
-)
+VECTOR = 8  # doubles that a processor takes at once; in twice the time where they straddle lines
 NARROW, WIDE = 32, 128  # estimators side by side; fewer leave the loops short, more do not fit the cache
 ROTATED = 1e-15  # cosine between two columns that counts as orthogonal
 SETTLED = 1e-7  # a sweep of rotations this small leaves cosines of its square: it was the last
@@ -23,6 +22,7 @@ TINY = 1e-300
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order
 
 
+@functools.lru_cache(maxsize=64)
 def block_edges(many: int) -> np.ndarray:
     """Where the blocks begin, and the end: one a processor, if that makes them neither narrow nor wide."""
     blocks = max(1, -(-many // WIDE), min(get_num_threads(), -(-many // NARROW)))
@@ -106,20 +106,18 @@ def update_block(
             rows[k, i] = sqrt(weight) * omega[i, k, lo:hi]
         rows[size - 1, i] = sqrt(weight) * y[i, lo:hi]
     for j in range(size):
-        for k in range(j):
-            updated[j, k, lo:hi] = 0.0
         updated[j, j, lo:hi] = root * triangle[j, j, lo:hi]
         find_reflection(rows[j], updated[j, j, lo:hi], factors, share, occupied)
         for k in range(j + 1, size):
             before, top, row = triangle[j, k, lo:hi], updated[j, k, lo:hi], rows[k]
-            for lane in range(width):
-                product[lane] = root[lane] * before[lane]
+            product[:] = 0.0
             for i in range(m):
                 if occupied[i]:
                     add_product(factors[i], row[i], product)
             for lane in range(width):
-                product[lane] *= share[lane]
-                top[lane] = root[lane] * before[lane] - product[lane]
+                scaled = root[lane] * before[lane]
+                product[lane] = share[lane] * (scaled + product[lane])
+                top[lane] = scaled - product[lane]
             for i in range(m):
                 if occupied[i]:
                     subtract_product(factors[i], product, row[i])
@@ -132,7 +130,8 @@ def all_update_triangle(
 ) -> None:  # fmt: skip
     """`kernels.update_triangle` of B: triangle (l + 1, l + 1, B), kept (B,), omega (m, l, B), y (m, B).
 
-    Here and below edges are of the blocks, as `block_edges` has them, and what follows is filled in.
+    Here and below edges are of the blocks, as `block_edges` has them, and what follows is filled in: of
+    updated, the triangle.
     """
     for block in prange(len(edges) - 1):
         lo, hi = edges[block], edges[block + 1]
@@ -341,20 +340,29 @@ def all_directional_mix(
 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
-def approach_block(
-    theta: np.ndarray, Y: np.ndarray, delta: np.ndarray, gates: np.ndarray, basis: np.ndarray, rate: float,
-    b: float, dt: float, lo: int, hi: int, moved: np.ndarray,
+def adapt_block(
+    theta: np.ndarray, psi: np.ndarray, e1: np.ndarray, e2: np.ndarray, position: float, velocity: float,
+    Gamma: np.ndarray, rate: float, b: float, Y: np.ndarray, delta: np.ndarray, gates: np.ndarray,
+    basis: np.ndarray, dt: float, lo: int, hi: int, adapted: np.ndarray,
 ) -> None:  # fmt: skip
-    """The flow of `CompositeLaw` towards the estimate, of the estimators from lo to hi."""
-    scratch = empty(2, hi - lo)
+    """`kernels.adapt` of the estimators from lo to hi."""
+    n, width = len(theta), hi - lo
+    moved, scratch = empty(n, width), empty(2, width)
     error, change = scratch[0], scratch[1]
-    for i in range(len(theta)):
-        moved[i, lo:hi] = theta[i, lo:hi]
-    for p in range(len(Y)):
+    for p in range(n):
+        moved[p] = theta[p, lo:hi]
+    for lane in range(width):
+        for i in range(e1.shape[1]):
+            drive = dt * (position * np.tanh(e1[lo + lane, i]) + velocity * e2[lo + lane, i])
+            for p in range(n):
+                moved[p, lane] -= Gamma[p % len(Gamma)] * psi[lo + lane, i, p] * drive
+    for p in range(n):
+        adapted[p, lo:hi] = moved[p]
+    for p in range(n):
         error[:] = 0.0
-        for i in range(len(theta)):
-            add_product(basis[i, p, lo:hi], theta[i, lo:hi], error)
-        for lane in range(hi - lo):
+        for i in range(n):
+            add_product(basis[i, p, lo:hi], moved[i], error)
+        for lane in range(width):
             excited = delta[p, lo + lane] > 0.0
             error[lane] -= Y[p, lo + lane] / (delta[p, lo + lane] if excited else 1.0)
             size, speed = abs(error[lane]), dt * rate * gates[p, lo + lane]
@@ -365,16 +373,24 @@ def approach_block(
             else:
                 left = max(size ** (1 - b) - (1 - b) * speed, 0.0) ** (1 / (1 - b))
             change[lane] = copysign(left, error[lane]) - error[lane] if excited else 0.0
-        for i in range(len(theta)):
-            add_product(basis[i, p, lo:hi], change, moved[i, lo:hi])
+        for i in range(n):
+            add_product(basis[i, p, lo:hi], change, adapted[i, lo:hi])
 
 
 @njit(cache=True, parallel=True)
-def all_approach(
-    theta: np.ndarray, Y: np.ndarray, delta: np.ndarray, gates: np.ndarray, basis: np.ndarray, rate: float,
-    b: float, dt: float, edges: np.ndarray, moved: np.ndarray,
+def all_adapt(
+    theta: np.ndarray, psi: np.ndarray, e1: np.ndarray, e2: np.ndarray, position: float, velocity: float,
+    Gamma: np.ndarray, rate: float, b: float, Y: np.ndarray, delta: np.ndarray, gates: np.ndarray,
+    basis: np.ndarray, dt: float, edges: np.ndarray, adapted: np.ndarray,
 ) -> None:  # fmt: skip
-    """theta (n, B) after dt of each direction's flow; Y, delta and gates (n, B), basis (n, n, B)."""
+    """`kernels.adapt` of B, with one delta for each direction.
+
+    Batch first: psi (B, nv, n), e1 and e2 (B, nv). Batch last: theta, Y, delta, gates and adapted (n, B), and
+    basis (n, n, B).
+    """
     for block in prange(len(edges) - 1):
         lo, hi = edges[block], edges[block + 1]
-        approach_block(theta, Y, delta, gates, basis, rate, b, dt, lo, hi, moved)
+        adapt_block(
+            theta, psi, e1, e2, position, velocity, Gamma, rate, b, Y, delta, gates, basis, dt, lo, hi,
+            adapted,
+        )  # fmt: skip

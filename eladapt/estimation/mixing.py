@@ -8,11 +8,11 @@ its determinant has n_potential factors instead of l.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from eladapt.batches import aligned, batch_first, batch_last
+from eladapt.batches import aligned, batch_first, batch_last, read_only
 from eladapt.errors import ArgumentError
 from eladapt.estimation.extensions import Information
 from eladapt.estimation.triangle import directions, kernels, many_kernels
@@ -97,32 +97,33 @@ class Directional:
     ) -> MixedRegression:
         """Scalar regressions, one a direction; before: that of the sample before, if there is one."""
         if self.compiled and n_potential:
-            return self._mix_compiled(information, n_potential, before)
+            triangle, basis = information.triangle, np.eye(n_potential) if before is None else before.basis
+            mix = kernels().directional_mix if triangle.ndim == 2 else _directional_mixes
+            first, prior = triangle.shape[-1] - 1 - n_potential, information.prior
+            return MixedRegression(*mix(triangle, first, basis, prior, information.saturation, DUST))
         estimate, gates, basis = spectrum(information, n_potential, "potential")
         return MixedRegression(gates * estimate, gates, basis)
 
-    @staticmethod
-    def _mix_compiled(
-        information: Information, n_potential: int, before: MixedRegression | None
-    ) -> MixedRegression:
-        triangle, lead = information.triangle, information.triangle.shape[:-2]
-        first, saturation = triangle.shape[-1] - 1 - n_potential, information.saturation
-        basis = np.eye(n_potential) if before is None else before.basis
-        if not lead:
-            return MixedRegression(
-                *kernels().directional_mix(triangle, first, basis, information.prior, saturation, DUST)
-            )
-        prior = np.broadcast_to(information.prior, lead).ravel()
-        basis = batch_last(np.broadcast_to(basis, (*lead, n_potential, n_potential)), 2)
-        many, found = (
-            many_kernels(),
-            [aligned(basis.shape[1:]), aligned(basis.shape[1:]), aligned(basis.shape)],
-        )
-        many.all_directional_mix(
-            batch_last(triangle, 2), first, basis, prior, saturation, DUST, many.block_edges(prior.size),
-            *found,
-        )  # fmt: skip
-        return MixedRegression(*(batch_first(array, lead) for array in found))
+
+def _directional_mixes(
+    triangle: np.ndarray, first: int, basis: np.ndarray, prior: Any, saturation: float, dust: float
+) -> tuple[np.ndarray, ...]:
+    """`kernels.directional_mix` of a batch."""
+    many, lead = many_kernels(), triangle.shape[:-2]
+    basis = batch_last(np.broadcast_to(basis, (*lead, *basis.shape[-2:])), 2)
+    prior = np.broadcast_to(prior, lead).ravel()
+    found = [aligned(basis.shape[1:]), aligned(basis.shape[1:]), aligned(basis.shape)]
+    many.all_directional_mix(
+        read_only(batch_last(triangle, 2)),
+        first,
+        basis,
+        prior,
+        saturation,
+        dust,
+        many.block_edges(prior.size),
+        *found,
+    )
+    return tuple(batch_first(array, lead) for array in found)
 
 
 def _common(delta: float | np.ndarray, estimate: np.ndarray, basis: np.ndarray) -> MixedRegression:

@@ -84,7 +84,7 @@ class ForceBalance:
         """Advance over the dt [s] that ended at ``measurement``."""
         rho, gain = _decay(self.pole, dt)
         _, q, v, tau = measurement
-        weight = gain * dt * np.broadcast_to(self.weight, tau.shape[-1:])
+        weight = gain * dt * np.asarray(self.weight)
         if v.ndim > 1:
             y, omega = rho * state.y + weight * tau, self._filtered(state, rho, weight, q, v, dt)
         else:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dgesdd, dtpqrt, dtrtrs
 
-from eladapt.batches import aligned, batch_first, batch_last
+from eladapt.batches import batch_first, batch_last, read_only, triangular
 from eladapt.compiling import kernel_module
 from eladapt.errors import ArgumentError
 from eladapt.signals import Regression
@@ -123,10 +123,10 @@ def _accumulate_many(
     kept = np.broadcast_to(kept, lead)
     if compiled:
         many, arrays = many_kernels(), [batch_last(array, own) for array, own in ((omega, 2), (y, 1))]
-        before, edges = batch_last(triangle, 2), many.block_edges(kept.size)
-        updated = aligned(before.shape)
+        before, edges = read_only(batch_last(triangle, 2)), many.block_edges(kept.size)
+        updated = triangular(before.shape)
         many.all_update_triangle(before, kept.ravel(), weight, *arrays, edges, updated)
-        return batch_first(updated, lead)
+        return batch_first(read_only(updated), lead)
     updated = np.sqrt(kept)[..., None, None] * triangle
     rows = np.sqrt(weight) * np.concatenate([omega, y[..., None]], axis=-1)
     for j in range(size):

@@ -72,26 +72,23 @@ class TorqueRegressors:
         """rho omega + weight W (B, nv, l), W the mean over P states; q (B, P, nq), v and a (B, P, nv)."""
         kernel = kernel_module("eladapt.robot.kernels").filtered_regressors
         rates = (np.zeros_like(v), np.zeros_like(v)) if self.still else map(np.ascontiguousarray, (v, a))
-        positions = self._joint_positions(q)
         before = batch_last(omega, 2)
         found = aligned(before.shape)
-        kernel(*self.tree, *self.map, positions, *rates, before, rho, weight, found)
+        kernel(*self.tree, *self.map, *self._joint_positions(q), *rates, before, rho, weight, found)
         return batch_first(found, omega.shape[:1])
 
-    def _joint_positions(self, q: np.ndarray) -> np.ndarray:
-        """(..., nv, 3): cosine, sine and shift of each joint."""
+    def _joint_positions(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(..., nv) each: cosine, sine and shift of the joints."""
         sliding, continuous = self.sliding, self.positions.continuous
-        coordinate = q[..., self.positions.first]
-        found = np.zeros((*coordinate.shape, 3))
-        np.cos(coordinate, out=found[..., 0])
-        np.sin(coordinate, out=found[..., 1])
+        coordinate = q[..., self.positions.first] if continuous.any() else q
+        cosine, sine, shift = np.cos(coordinate), np.sin(coordinate), np.zeros(coordinate.shape)
         if sliding.any():
-            found[..., sliding, :2] = 1.0, 0.0
-            found[..., sliding, 2] = coordinate[..., sliding]
+            cosine[..., sliding], sine[..., sliding] = 1.0, 0.0
+            shift[..., sliding] = coordinate[..., sliding]
         if continuous.any():
-            found[..., continuous, 0] = coordinate[..., continuous]
-            found[..., continuous, 1] = q[..., self.positions.sines]
-        return found
+            cosine[..., continuous] = coordinate[..., continuous]
+            sine[..., continuous] = q[..., self.positions.sines]
+        return cosine, sine, shift
 
 
 def _axis(model: pin.Model, joint: int) -> np.ndarray:

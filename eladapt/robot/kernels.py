@@ -17,13 +17,13 @@ REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order
 
 @njit(cache=True, inline="always")
 def place_joint(
-    turns: np.ndarray, place: np.ndarray, slide: np.ndarray, position: np.ndarray, frame: np.ndarray
-) -> None:
+    turns: np.ndarray, place: np.ndarray, slide: np.ndarray, cosine: float, sine: float, shift: float,
+    frame: np.ndarray,
+) -> None:  # fmt: skip
     """Fill frame (4, 3), the rotation and the place of a body in its parent's frame.
 
-    position: cosine, sine and shift of the joint; turns (3, 3, 3): what each of [1, cosine, sine] turns.
+    turns (3, 3, 3): what each of [1, cosine, sine] turns.
     """
-    cosine, sine, shift = position
     for i in range(3):
         frame[3, i] = place[i] + shift * slide[i]
         for j in range(3):
@@ -94,8 +94,9 @@ def parameter_torques(
 @njit(cache=True, fastmath=REORDERED)
 def add_regressor(
     parents: np.ndarray, turns: np.ndarray, places: np.ndarray, slides: np.ndarray, axes: np.ndarray,
-    starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, positions: np.ndarray, v: np.ndarray,
-    a: np.ndarray, into: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray, carried: np.ndarray,
+    starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, cosine: np.ndarray, sine: np.ndarray,
+    shift: np.ndarray, v: np.ndarray, a: np.ndarray, into: np.ndarray, velocity: np.ndarray,
+    acceleration: np.ndarray, carried: np.ndarray,
 ) -> None:  # fmt: skip
     """Add the regressor of one state to ``into`` (nv, l).
 
@@ -105,7 +106,9 @@ def add_regressor(
     frame, found = np.empty((4, 3)), np.empty(10)
     for body in range(len(parents)):
         parent, first, end = parents[body], starts[body], starts[body + 1]
-        place_joint(turns[body], places[body], slides[body], positions[body], frame)
+        place_joint(
+            turns[body], places[body], slides[body], cosine[body], sine[body], shift[body], frame
+        )  # fmt: skip
         carry(frame, velocity[parent], velocity[body])
         carry(frame, acceleration[parent], acceleration[body])
         add_joint_motion(axes[body], v[body], a[body], velocity[body], acceleration[body])
@@ -127,15 +130,16 @@ def add_regressor(
 def filtered_regressors(
     parents: np.ndarray, turns: np.ndarray, places: np.ndarray, slides: np.ndarray, axes: np.ndarray,
     starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, gravity: np.ndarray,
-    positions: np.ndarray, v: np.ndarray, a: np.ndarray, omega: np.ndarray, rho: float, weight: np.ndarray,
+    cosine: np.ndarray, sine: np.ndarray, shift: np.ndarray, v: np.ndarray, a: np.ndarray,
+    omega: np.ndarray, rho: float, weight: np.ndarray,
     filtered: np.ndarray,
 ) -> None:  # fmt: skip
     """Fill in filtered (nv, l, B), rho omega + weight W, W the mean over P states of each; weight (nv,).
 
     The tree, outwards: parents (n,), -1 for the base; turns, places and slides as `place_joint` wants them;
     axes (n, 6). The map from standard parameters: entries (standard, wanted) of one body after the other,
-    body i's from starts[i] on, then the rotors' (joint, wanted); factors. The states: positions
-    (B, P, nv, 3), v and a (B, P, nv).
+    body i's from starts[i] on, then the rotors' (joint, wanted); factors. The states:
+    cosine, sine and shift of the joints, v and a, all (B, P, nv).
     """
     (many, states, n), parameters = v.shape, omega.shape[1]
     for group in prange((many + GROUP - 1) // GROUP):
@@ -146,8 +150,9 @@ def filtered_regressors(
         for b in range(lo, hi):
             for p in range(states):
                 add_regressor(
-                    parents, turns, places, slides, axes, starts, entries, factors, positions[b, p],
-                    v[b, p], a[b, p], regressors[b - lo], velocity, acceleration, carried,
+                    parents, turns, places, slides, axes, starts, entries, factors, cosine[b, p],
+                    sine[b, p], shift[b, p], v[b, p], a[b, p], regressors[b - lo], velocity,
+                    acceleration, carried,
                 )  # fmt: skip
         for i in range(n):
             factor = weight[i] / states
