@@ -114,15 +114,9 @@ def _directional_mixes(
     prior = np.broadcast_to(prior, lead).ravel()
     found = [aligned(basis.shape[1:]), aligned(basis.shape[1:]), aligned(basis.shape)]
     many.all_directional_mix(
-        read_only(batch_last(triangle, 2)),
-        first,
-        basis,
-        prior,
-        saturation,
-        dust,
-        many.block_edges(prior.size),
-        *found,
-    )
+        read_only(batch_last(triangle, 2)), first, basis, prior, saturation, dust,
+        many.block_edges(prior.size), *found,
+    )  # fmt: skip
     return tuple(batch_first(array, lead) for array in found)
 
 

@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.estimation.triangle import kernels
+from eladapt.robot.batch import Path
 from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, Regression
 
@@ -56,8 +57,8 @@ class ForceBalance:
     the sliding are lost. Each row holds for itself: a stuck joint costs the others nothing.
 
     pole [1/s]; weight: scalar or (nv,), multiplies each row of y and Omega. stiction_speed [rad/s]: five
-    times the velocity noise or more; where there are no Coulomb columns it is not used. compiled: the sums by
-    numba (extra ``fast``).
+    times the velocity noise or more; where there are no Coulomb columns it is not used. compiled: by
+    numba (extra ``fast``): the sums; of a batch without friction columns, the regressors too.
     """
 
     regressors: Regressors
@@ -117,13 +118,16 @@ class ForceBalance:
         self, state: FilterState, rho: float, weight: np.ndarray, q: np.ndarray, v: np.ndarray, dt: float
     ) -> np.ndarray:
         """Omega (B, nv, l) of B filters at once."""
-        positions = self.regressors.positions
-        moved = positions.difference(state.q, q)[:, None]
+        reg, hermite = self.regressors, self.interpolation == "hermite"
+        if self.compiled and not reg.n_friction:
+            path = Path(state.q, state.v, q, v, dt, GAUSS[:, 0], hermite)
+            return reg.filtered_torque(state.omega, rho, weight, path)
+        moved = reg.positions.difference(state.q, q)[:, None]
         offset, *rates = self._path(moved, state.v[:, None], v[:, None], dt)
-        places = positions.integrate(state.q[:, None], offset)
-        return self.regressors.filtered_torque(
-            state.omega, rho, weight, places, *rates, compiled=self.compiled
-        )
+        places = reg.positions.integrate(state.q[:, None], offset)
+        points = zip(*(np.moveaxis(part, 1, 0) for part in (places, *rates)), strict=True)
+        one, two = (reg.torque(*point, check=False) for point in points)
+        return rho * state.omega + (0.5 * weight)[:, None] * (one + two)
 
     def _path(self, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float) -> Any:
         """(..., 2, nv) offsets from the first position, velocities and accelerations at Gauss's points."""

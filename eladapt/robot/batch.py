@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
 from eladapt.batches import aligned, batch_first, batch_last
 from eladapt.compiling import kernel_module
 from eladapt.robot.model import Robot
+
+TURNING, CONTINUOUS, SLIDING = 0, 1, 2  # kinds of joints; a continuous one's cosine and sine stand in q
 
 
 class Positions:
@@ -40,8 +44,20 @@ class Positions:
         return moved
 
 
+class Path(NamedTuple):
+    """From one sample to the next, of B robots, and where on it regressors are wanted."""
+
+    q0: np.ndarray  # (B, nq)
+    v0: np.ndarray  # (B, nv)
+    q1: np.ndarray
+    v1: np.ndarray
+    dt: float  # [s]
+    points: np.ndarray  # (P,) in [0, 1]
+    hermite: bool  # whether the velocity inside is taken from the positions too
+
+
 class TorqueRegressors:
-    """W(q, v, a) of many states by one compiled call, in combinations of the standard parameters."""
+    """W(q, v, a) along many paths by one compiled call, in combinations of the standard parameters."""
 
     def __init__(
         self, robot: Robot, standard_map: np.ndarray, *, weightless: bool = False, still: bool = False
@@ -50,45 +66,32 @@ class TorqueRegressors:
 
         weightless: of M a + C v alone; still: of g alone.
         """
-        model, self.still = robot.model, still
+        model, positions = robot.model, Positions(robot.model)
         joints = range(1, model.njoints)
-        self.positions = Positions(model)
         axes = np.array([_axis(model, joint) for joint in joints])
         frames = [model.jointPlacements[joint] for joint in joints]
-        self.sliding = np.any(axes[:, :3] != 0, axis=1)
+        sliding = np.any(axes[:, :3] != 0, axis=1)
         self.tree = (
+            np.where(sliding, SLIDING, np.where(positions.continuous, CONTINUOUS, TURNING)),
+            positions.first,
             np.array([model.parents[joint] - 1 for joint in joints]),
             np.array([_turns(frame.rotation, axis[3:]) for frame, axis in zip(frames, axes, strict=True)]),
             np.array([frame.translation for frame in frames]),
             np.array([frame.rotation @ axis[:3] for frame, axis in zip(frames, axes, strict=True)]),
             axes,
         )
-        gravity = np.zeros(3) if weightless else np.array(model.gravity.linear)
-        self.map = (*_entries(standard_map, np.flatnonzero(robot.armature)), gravity)
+        gravity = np.zeros(3) if weightless else model.gravity.linear
+        rotors = np.flatnonzero(robot.armature)
+        self.map = (*_entries(standard_map, rotors), np.array(gravity), 0.0 if still else 1.0)
 
-    def filtered(
-        self, omega: np.ndarray, rho: float, weight: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
-    ) -> np.ndarray:
-        """rho omega + weight W (B, nv, l), W the mean over P states; q (B, P, nq), v and a (B, P, nv)."""
+    def filtered(self, omega: np.ndarray, rho: float, weight: np.ndarray, path: Path) -> np.ndarray:
+        """rho omega + weight W (B, nv, l), W the mean over the points of each path; omega (B, nv, l)."""
         kernel = kernel_module("eladapt.robot.kernels").filtered_regressors
-        rates = (np.zeros_like(v), np.zeros_like(v)) if self.still else map(np.ascontiguousarray, (v, a))
         before = batch_last(omega, 2)
         found = aligned(before.shape)
-        kernel(*self.tree, *self.map, *self._joint_positions(q), *rates, before, rho, weight, found)
+        ends = map(np.ascontiguousarray, path[:4])
+        kernel(*self.tree, *self.map, *ends, *path[4:], before, rho, weight, found)
         return batch_first(found, omega.shape[:1])
-
-    def _joint_positions(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(..., nv) each: cosine, sine and shift of the joints."""
-        sliding, continuous = self.sliding, self.positions.continuous
-        coordinate = q[..., self.positions.first] if continuous.any() else q
-        cosine, sine, shift = np.cos(coordinate), np.sin(coordinate), np.zeros(coordinate.shape)
-        if sliding.any():
-            cosine[..., sliding], sine[..., sliding] = 1.0, 0.0
-            shift[..., sliding] = coordinate[..., sliding]
-        if continuous.any():
-            cosine[..., continuous] = coordinate[..., continuous]
-            sine[..., continuous] = q[..., self.positions.sines]
-        return cosine, sine, shift
 
 
 def _axis(model: pin.Model, joint: int) -> np.ndarray:

@@ -8,22 +8,52 @@ motion is [linear (3), angular (3)]; the base accelerates upwards, which is what
 
 from __future__ import annotations
 
+from math import atan2, cos, sin
+
 import numpy as np
 from numba import njit, prange
+
+from eladapt.robot.batch import CONTINUOUS, SLIDING, TURNING
 
 GROUP = 8  # of the batch, whose results stand in one line of the cache
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order
 
 
 @njit(cache=True, inline="always")
-def place_joint(
-    turns: np.ndarray, place: np.ndarray, slide: np.ndarray, cosine: float, sine: float, shift: float,
-    frame: np.ndarray,
+def follow_joint(
+    kind: int, q0: np.ndarray, v0: float, q1: np.ndarray, v1: float, dt: float, point: float, hermite: bool,
+    state: np.ndarray,
 ) -> None:  # fmt: skip
+    """Fill state (5,) with cosine, sine, shift, velocity and acceleration of a joint at a point in [0, 1].
+
+    On the path from (q0, v0) to (q1, v1) that `ForceBalance` has, with its q from here on.
+    """
+    moved, change, bend = q1[0] - q0[0], v1 - v0, 0.0
+    if kind == CONTINUOUS:
+        moved = atan2(q0[0] * q1[1] - q0[1] * q1[0], q0[0] * q1[0] + q0[1] * q1[1])
+    if hermite:
+        bend = 6 * (moved / dt - 0.5 * (v0 + v1))
+    offset = point * moved - dt / 12 * change + dt / 36 * (2 * point - 1) * bend
+    state[3] = v0 + point * change + bend / 6
+    state[4] = change / dt + (1 - 2 * point) / dt * bend
+    if kind == SLIDING:
+        state[0], state[1], state[2] = 1.0, 0.0, q0[0] + offset
+    elif kind == TURNING:
+        state[0], state[1], state[2] = cos(q0[0] + offset), sin(q0[0] + offset), 0.0
+    else:
+        c, s = cos(offset), sin(offset)
+        state[0], state[1], state[2] = q0[0] * c - q0[1] * s, q0[1] * c + q0[0] * s, 0.0
+
+
+@njit(cache=True, inline="always")
+def place_joint(
+    turns: np.ndarray, place: np.ndarray, slide: np.ndarray, state: np.ndarray, frame: np.ndarray
+) -> None:
     """Fill frame (4, 3), the rotation and the place of a body in its parent's frame.
 
     turns (3, 3, 3): what each of [1, cosine, sine] turns.
     """
+    cosine, sine, shift = state[0], state[1], state[2]
     for i in range(3):
         frame[3, i] = place[i] + shift * slide[i]
         for j in range(3):
@@ -94,24 +124,21 @@ def parameter_torques(
 @njit(cache=True, fastmath=REORDERED)
 def add_regressor(
     parents: np.ndarray, turns: np.ndarray, places: np.ndarray, slides: np.ndarray, axes: np.ndarray,
-    starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, cosine: np.ndarray, sine: np.ndarray,
-    shift: np.ndarray, v: np.ndarray, a: np.ndarray, into: np.ndarray, velocity: np.ndarray,
-    acceleration: np.ndarray, carried: np.ndarray,
+    starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, states: np.ndarray, into: np.ndarray,
+    velocity: np.ndarray, acceleration: np.ndarray, carried: np.ndarray,
 ) -> None:  # fmt: skip
     """Add the regressor of one state to ``into`` (nv, l).
 
-    velocity, acceleration (n + 1, 6): scratch, the base's motion last; carried (n, n, 6): scratch, the axis
-    of each joint (second) in the frame of each body behind it (first).
+    states (n, 5) as `follow_joint` has them. Scratch: velocity and acceleration (n + 1, 6), the base's motion
+    last; carried (n, n, 6), the axis of each joint (second) in the frame of each body behind it (first).
     """
     frame, found = np.empty((4, 3)), np.empty(10)
     for body in range(len(parents)):
         parent, first, end = parents[body], starts[body], starts[body + 1]
-        place_joint(
-            turns[body], places[body], slides[body], cosine[body], sine[body], shift[body], frame
-        )  # fmt: skip
+        place_joint(turns[body], places[body], slides[body], states[body], frame)
         carry(frame, velocity[parent], velocity[body])
         carry(frame, acceleration[parent], acceleration[body])
-        add_joint_motion(axes[body], v[body], a[body], velocity[body], acceleration[body])
+        add_joint_motion(axes[body], states[body, 3], states[body, 4], velocity[body], acceleration[body])
         carried[body, body] = axes[body]
         joint = body
         while joint >= 0:
@@ -123,39 +150,46 @@ def add_regressor(
                 row[entries[e, 1]] += factors[e] * found[entries[e, 0]]
             joint = parents[joint]
     for e in range(starts[len(parents)], len(entries)):  # rotors
-        into[entries[e, 0], entries[e, 1]] += factors[e] * a[entries[e, 0]]
+        into[entries[e, 0], entries[e, 1]] += factors[e] * states[entries[e, 0], 4]
 
 
 @njit(cache=True, parallel=True)
 def filtered_regressors(
-    parents: np.ndarray, turns: np.ndarray, places: np.ndarray, slides: np.ndarray, axes: np.ndarray,
-    starts: np.ndarray, entries: np.ndarray, factors: np.ndarray, gravity: np.ndarray,
-    cosine: np.ndarray, sine: np.ndarray, shift: np.ndarray, v: np.ndarray, a: np.ndarray,
-    omega: np.ndarray, rho: float, weight: np.ndarray,
+    kinds: np.ndarray, firsts: np.ndarray, parents: np.ndarray, turns: np.ndarray, places: np.ndarray,
+    slides: np.ndarray, axes: np.ndarray, starts: np.ndarray, entries: np.ndarray, factors: np.ndarray,
+    gravity: np.ndarray, moving: float, q0: np.ndarray, v0: np.ndarray, q1: np.ndarray, v1: np.ndarray,
+    dt: float, points: np.ndarray, hermite: bool, omega: np.ndarray, rho: float, weight: np.ndarray,
     filtered: np.ndarray,
 ) -> None:  # fmt: skip
-    """Fill in filtered (nv, l, B), rho omega + weight W, W the mean over P states of each; weight (nv,).
+    """Fill in filtered (nv, l, B), rho omega + weight W with the mean W over the points of each path.
 
-    The tree, outwards: parents (n,), -1 for the base; turns, places and slides as `place_joint` wants them;
-    axes (n, 6). The map from standard parameters: entries (standard, wanted) of one body after the other,
-    body i's from starts[i] on, then the rotors' (joint, wanted); factors. The states:
-    cosine, sine and shift of the joints, v and a, all (B, P, nv).
+    The tree, outwards: kinds (n,) of joints, firsts (n,) where each stands in q; parents (n,), -1 for the
+    base; turns, places and slides as `place_joint` wants them; axes (n, 6). The map from standard parameters:
+    entries (standard, wanted) of one body after the other, body i's from starts[i] on, then the rotors'
+    (joint, wanted); factors. moving: 0 for gravity alone. The paths: q0, q1 (B, nq) and v0, v1 (B, nv).
+    weight (nv,).
     """
-    (many, states, n), parameters = v.shape, omega.shape[1]
+    (many, n), parameters, count = v0.shape, omega.shape[1], len(points)
     for group in prange((many + GROUP - 1) // GROUP):
         lo, hi = group * GROUP, min((group + 1) * GROUP, many)
         velocity, acceleration = np.zeros((n + 1, 6)), np.zeros((n + 1, 6))
         acceleration[n, :3] = -gravity
         carried, regressors = np.empty((n, n, 6)), np.zeros((GROUP, n, parameters))
+        states = np.empty((n, 5))
         for b in range(lo, hi):
-            for p in range(states):
+            for p in range(count):
+                for i in range(n):
+                    k = firsts[i]
+                    follow_joint(
+                        kinds[i], q0[b, k:], v0[b, i], q1[b, k:], v1[b, i], dt, points[p], hermite, states[i]
+                    )
+                states[:, 3:] *= moving
                 add_regressor(
-                    parents, turns, places, slides, axes, starts, entries, factors, cosine[b, p],
-                    sine[b, p], shift[b, p], v[b, p], a[b, p], regressors[b - lo], velocity,
-                    acceleration, carried,
+                    parents, turns, places, slides, axes, starts, entries, factors, states,
+                    regressors[b - lo], velocity, acceleration, carried,
                 )  # fmt: skip
         for i in range(n):
-            factor = weight[i] / states
+            factor = weight[i] / count
             for k in range(parameters):
                 for b in range(lo, hi):
                     filtered[i, k, b] = rho * omega[i, k, b] + factor * regressors[b - lo, i, k]

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_vector
-from eladapt.robot.batch import Positions, TorqueRegressors
+from eladapt.robot.batch import Path, Positions, TorqueRegressors
 from eladapt.robot.model import Robot
 from eladapt.robot.parameters import ROUNDING, ParameterBasis, independent_basis, sample, shared_basis
 from eladapt.robot.standard import StandardRegressors
@@ -179,27 +179,13 @@ class Regressors:
             return np.array([self.torque(*state, check=False) for state in zip(q, v, a, strict=True)])
         return self._assemble(self._standard.kinetic_torque(q, v, a), q, v)
 
-    def filtered_torque(
-        self, omega: np.ndarray, rho: float, weight: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
-        *, compiled: bool = False,
-    ) -> np.ndarray:  # fmt: skip
-        """rho omega + weight W (B, nv, l), weight (nv,) by rows and W the mean over P states of each of B.
-
-        omega (B, nv, l); q (B, P, nq), v and a (B, P, nv), not validated. compiled: all of them in one call
-        by numba (extra ``fast``), without Pinocchio.
-        """
-        if not compiled:
-            states = zip(*(np.moveaxis(part, 1, 0) for part in (q, v, a)), strict=True)
-            mean = np.mean([self.torque(*state, check=False) for state in states], axis=0)
-            return rho * omega + weight[:, None] * mean
+    def filtered_torque(self, omega: np.ndarray, rho: float, weight: np.ndarray, path: Path) -> np.ndarray:
+        """rho omega + weight W (B, nv, l), weight (nv,) by rows and W the mean of `torque` over the points of
+        each path, in one call by numba (extra ``fast``) and without Pinocchio; omega (B, nv, l)."""
         first, *others = self._compiled
-        filtered = first.filtered(omega, rho, weight, q, v, a)
+        filtered = first.filtered(omega, rho, weight, path)
         for other in others:
-            filtered = other.filtered(filtered, 1.0, weight, q, v, a)
-        if self.viscous:
-            filtered[..., *self._viscous_at] += weight * v.mean(axis=1)
-        if self.coulomb:
-            filtered[..., *self._coulomb_at] += weight * np.sign(v).mean(axis=1)
+            filtered = other.filtered(filtered, 1.0, weight, path)
         return filtered
 
     @functools.cached_property

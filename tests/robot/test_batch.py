@@ -1,4 +1,6 @@
-"""Torque regressors and positions of many states at once, against Pinocchio's of each."""
+"""Positions and filtered torque regressors of many robots at once, against Pinocchio's of each."""
+
+import dataclasses
 
 import numpy as np
 import pinocchio as pin
@@ -8,7 +10,7 @@ from shared import ROBOTS, TREE, load, regressors
 import eladapt as ea
 from eladapt.robot.batch import Positions
 
-MANY, POINTS = 11, 2  # more than a group of the kernel, and no multiple of it
+MANY, POINTS, DT = 11, 2, 0.2  # more than a group of the kernel, and no multiple of it; long steps
 ROUNDING = 1e-12  # of the largest entry; observed 2e-13 (kinova, whose angles Pinocchio turns to matrices)
 
 
@@ -24,34 +26,46 @@ def states(robot: ea.Robot, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
     return np.array(q), *rng.normal(size=(2, MANY, POINTS, robot.nv))
 
 
-def require_alike(reg: ea.Regressors, rng: np.random.Generator) -> None:
-    """rho omega + weight W, with W the mean of Pinocchio's regressors over each path."""
-    robot = reg.robot
-    q, v, a = states(robot, rng)
-    omega, weight = rng.normal(size=(MANY, robot.nv, len(reg))), rng.uniform(0.5, 2, size=robot.nv)
-    paths = zip(q, v, a, strict=True)
-    mean = [np.mean([reg.torque(*state) for state in zip(*path, strict=True)], axis=0) for path in paths]
-    expected = 0.9 * omega + weight[:, None] * mean
+def require_alike(reg: ea.Regressors, interpolation: str, rng: np.random.Generator) -> None:
+    """Two steps of a batch of force balances, from one random state to the next, as one by one."""
+    q, v, tau = states(reg.robot, rng)
+    weight = rng.uniform(0.5, 2, size=reg.robot.nv)
+    balance = ea.ForceBalance(reg, weight=weight, interpolation=interpolation, stiction_speed=0.0)
+    samples = [ea.Measurement(DT * k, q[:, k % 2], v[:, k % 2], tau[:, k % 2]) for k in range(3)]
+    expected = []
+    for b in range(MANY):
+        first, *others = (ea.Measurement(t, *(array[b] for array in arrays)) for t, *arrays in samples)
+        filters = balance.init(first)
+        for sample in others:
+            filters, found = balance.step(filters, sample, DT)
+        expected.append(found)
     for compiled in (False, True):
-        found = reg.filtered_torque(omega, 0.9, weight, q, v, a, compiled=compiled)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+        many = dataclasses.replace(balance, compiled=compiled)
+        filters = many.init(samples[0])
+        for sample in samples[1:]:
+            filters, found = many.step(filters, sample, DT)
+        for one, all_of_them in zip(zip(*expected, strict=True), found, strict=True):
+            largest = np.abs(one).max()
+            np.testing.assert_allclose(all_of_them, one, rtol=0, atol=ROUNDING * largest)
 
 
 @pytest.mark.parametrize("friction", [False, True], ids=["rigid", "friction"])
 @pytest.mark.parametrize("sharing", ["shared", "independent"])
 @pytest.mark.parametrize("name", ROBOTS)
-def test_filtered_torque_regressors_are_pinocchios(name, sharing, friction, rng):
-    require_alike(regressors(name, sharing, friction), rng)
+def test_force_balances_of_a_batch_are_those_of_each(name, sharing, friction, rng):
+    require_alike(regressors(name, sharing, friction), "linear", rng)
 
 
+@pytest.mark.parametrize("interpolation", ["linear", "hermite"])
 @pytest.mark.parametrize("sharing", ["shared", "independent"])
-def test_they_are_on_a_branched_tree_with_joints_of_every_kind(tree, sharing, rng):
+def test_they_are_on_a_branched_tree_with_joints_of_every_kind(tree, sharing, interpolation, rng):
     """Axes off the frames' own, sliding and continuous joints, rotors, two branches."""
-    require_alike(ea.Regressors(tree, sharing, friction=True), rng)
+    require_alike(ea.Regressors(tree, sharing), interpolation, rng)
 
 
 def test_they_are_in_parameters_of_ones_own(rng):
-    require_alike(ea.Regressors(load("two_link"), basis=ea.paper.basis(load("two_link"))), rng)
+    robot = load("two_link")
+    require_alike(ea.Regressors(robot, basis=ea.paper.basis(robot)), "hermite", rng)
 
 
 @pytest.mark.parametrize("name", [*ROBOTS, "tree"])
