@@ -16,7 +16,7 @@ SPARE = 4  # arrays of one kind that are kept
 def aligned(shape: tuple[int, ...]) -> np.ndarray:
     """An empty array of doubles that begins at a line of the cache."""
     size = math.prod(shape)
-    return (_fresh(size) if size < LARGE else np.asarray(_Lease(size))).reshape(shape)
+    return (_fresh(size) if size < LARGE else _lease(size)).reshape(shape)
 
 
 def triangular(shape: tuple[int, int, int]) -> np.ndarray:
@@ -25,7 +25,7 @@ def triangular(shape: tuple[int, int, int]) -> np.ndarray:
     Writing all those zeros each time would be a third of what a kernel writes. Show the array with
     `read_only`.
     """
-    return np.asarray(_Lease(math.prod(shape), shape)).reshape(shape)
+    return _lease(math.prod(shape), shape).reshape(shape)
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -44,19 +44,25 @@ def _fresh(size: int, zeros: bool = False) -> np.ndarray:
 class _Lease:
     """Memory that is laid by for the next array of its kind when no array is left that shows it.
 
-    NumPy's arrays keep what they are made of, if that is no array itself. triangles: the shape, for zeros.
+    NumPy's arrays keep what they are made of, if that is no array itself.
     """
 
-    def __init__(self, size: int, triangles: tuple[int, int, int] | None = None):
-        self._spare = _spare(size, triangles)
-        try:
-            self._memory = self._spare.pop()
-        except IndexError:
-            self._memory = _fresh(size, zeros=triangles is not None)
-        self.__array_interface__ = self._memory.__array_interface__
+    def __init__(self, memory: np.ndarray, spare: deque[np.ndarray]):
+        self._memory, self._spare = memory, spare
+        self.__array_interface__ = memory.__array_interface__
 
     def __del__(self) -> None:
         self._spare.append(self._memory)
+
+
+def _lease(size: int, triangles: tuple[int, int, int] | None = None) -> np.ndarray:
+    """Memory of ``size`` doubles; triangles: the shape, for memory with zeros where triangles have them."""
+    spare = _spare(size, triangles)
+    try:
+        memory = spare.pop()
+    except IndexError:
+        memory = _fresh(size, zeros=triangles is not None)
+    return np.asarray(_Lease(memory, spare))
 
 
 @functools.lru_cache(maxsize=16)

@@ -23,11 +23,7 @@ REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faste
 def update_triangle(
     triangle: np.ndarray, kept: float, weight: float, omega: np.ndarray, y: np.ndarray
 ) -> np.ndarray:
-    """The triangle of [sqrt(kept) T; sqrt(weight) [Omega | y]] by Householder reflections.
-
-    A row that is zero in a column, as that of a joint is in the parameters of the bodies before it, takes no
-    part in the reflection that clears the column.
-    """
+    """The triangle of [sqrt(kept) T; sqrt(weight) [Omega | y]] by Householder reflections."""
     size, m = len(triangle), len(y)
     updated = sqrt(kept) * triangle
     rows = np.empty((m, size))
@@ -49,18 +45,16 @@ def update_triangle(
         for k in range(len(top)):
             product[k] = top[k]
         for i in range(m):
-            if rows[i, j] != 0.0:
-                row, factor = rows[i, j + 1 :], rows[i, j] * inverse
-                for k in range(len(row)):
-                    product[k] += factor * row[k]
+            row, factor = rows[i, j + 1 :], rows[i, j] * inverse
+            for k in range(len(row)):
+                product[k] += factor * row[k]
         for k in range(len(top)):
             product[k] *= share
             top[k] -= product[k]
         for i in range(m):
-            if rows[i, j] != 0.0:
-                row, factor = rows[i, j + 1 :], rows[i, j] * inverse
-                for k in range(len(row)):
-                    row[k] -= factor * product[k]
+            row, factor = rows[i, j + 1 :], rows[i, j] * inverse
+            for k in range(len(row)):
+                row[k] -= factor * product[k]
     return updated
 
 

@@ -110,7 +110,7 @@ def _turns(rotation: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _entries(standard_map: np.ndarray, rotors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(starts (n + 1,), entries (e, 2), factors (e,)) of a map, as `mean_regressors` wants them."""
+    """(starts (n + 1,), entries (e, 2), factors (e,)) of a map, as `filtered_regressors` wants them."""
     standard, wanted = np.nonzero(standard_map)
     factors = standard_map[standard, wanted]
     bodies = (len(standard_map) - len(rotors)) // 10
