@@ -8,9 +8,11 @@ from collections import deque
 
 import numpy as np
 
+from eladapt.errors import ArgumentError
+
 ALIGNMENT = 8  # doubles; a vector of eight that straddles two lines of the cache takes twice the time
 LARGE = 1 << 14  # doubles; from here on, fresh memory costs more than the kernel that fills it
-SPARE = 4  # arrays of one kind that are kept
+SPARE = 2  # arrays of one kind that are kept
 
 
 def aligned(shape: tuple[int, ...]) -> np.ndarray:
@@ -71,15 +73,29 @@ def _spare(size: int, triangles: tuple[int, int, int] | None) -> deque[np.ndarra
     return deque(maxlen=SPARE)
 
 
-def batch_last(array: np.ndarray, own: int) -> np.ndarray:
-    """(..., *own) -> (*own, B), contiguous; no copy of what `batch_first` shows. own: how many axes."""
-    lead = array.ndim - own
-    moved = array.transpose(*range(lead, array.ndim), *range(lead))
+def with_axes(array: np.ndarray, own: int, lead: tuple[int, ...]) -> np.ndarray:
+    """(*lead, *own): an array with fewer or shorter leading axes counts for all. own: how many axes.
+
+    Raises ArgumentError where they do not fit.
+    """
+    leading = array.shape[: array.ndim - own]
+    if leading == lead:
+        return array
+    try:
+        return np.broadcast_to(array, (*lead, *array.shape[len(leading) :]))
+    except ValueError as reason:
+        raise ArgumentError(f"batch: expected the leading axes {lead}, got {leading}") from reason
+
+
+def batch_last(array: np.ndarray, own: int, lead: tuple[int, ...]) -> np.ndarray:
+    """`with_axes` as (*own, B), contiguous; no copy of what `batch_first` shows."""
+    array, axes = with_axes(array, own, lead), len(lead)
+    moved = array.transpose(*range(axes, array.ndim), *range(axes))
     if not moved.flags.c_contiguous:
         found = aligned(moved.shape)
         found[...] = moved
         moved = found
-    return moved if lead == 1 else moved.reshape(*moved.shape[:own], -1)
+    return moved if axes == 1 else moved.reshape(*moved.shape[:own], math.prod(lead))
 
 
 def batch_first(array: np.ndarray, lead: tuple[int, ...]) -> np.ndarray:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from eladapt.batches import aligned, batch_first, batch_last
+from eladapt.batches import aligned, batch_first, batch_last, with_axes
 from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.estimation.excitation import zeta_1
 from eladapt.estimation.triangle import kernels, many_kernels
@@ -84,7 +85,7 @@ class CompositeLaw:
         gates = zeta_1(mixed.delta, self.b, self.d) if gates is None else gates
         if self.compiled and theta.ndim == 1:
             theta = self._compiled_step(theta, psi, e1, e2, mixed, gates, dt)
-        elif self.compiled and np.ndim(mixed.delta) == theta.ndim and self.scalar_rate:
+        elif self.compiled and np.ndim(mixed.delta) == theta.ndim and self.scalar_rate and theta.shape[-1]:
             theta = self._step_together(theta, psi, e1, e2, mixed, gates, dt)
         else:
             if self.direct:
@@ -133,16 +134,20 @@ class CompositeLaw:
         gates: np.ndarray, dt: float,
     ) -> np.ndarray:  # fmt: skip
         """`_compiled_step` of a batch with one delta for each direction."""
-        many, basis, (nv, j) = many_kernels(), batch_last(mixed.basis, 2), psi.shape[-2:]
-        Gamma, rate = self.vectors
+        many, lead, (Gamma, rate) = many_kernels(), theta.shape[:-1], self.vectors
+        if not self.direct:
+            psi, e1, e2 = np.zeros((0, theta.shape[-1])), np.zeros(0), np.zeros(0)
+        (nv, j), members = psi.shape[-2:], math.prod(lead)
+        psi = np.ascontiguousarray(with_axes(psi, 2, lead)).reshape(members, nv, j)
+        e1, e2 = (np.ascontiguousarray(with_axes(e, 1, lead)).reshape(members, nv) for e in (e1, e2))
+        last = [batch_last(np.asarray(a), 1, lead) for a in (theta, mixed.Y, mixed.delta, gates)]
+        basis = batch_last(mixed.basis, 2, lead)
         adapted = aligned(basis.shape[1:])
         many.all_adapt(
-            batch_last(theta, 1), psi.reshape(-1, nv, j), e1.reshape(-1, nv), e2.reshape(-1, nv),
-            *self.direct_factors, Gamma, float(rate[0]), self.b, batch_last(mixed.Y, 1),
-            batch_last(np.asarray(mixed.delta), 1), batch_last(gates, 1), basis, dt,
+            last[0], psi, e1, e2, *self.direct_factors, Gamma, float(rate[0]), self.b, *last[1:], basis, dt,
             many.block_edges(basis.shape[-1]), adapted,
         )  # fmt: skip
-        return batch_first(adapted, theta.shape[:-1])
+        return batch_first(adapted, lead)
 
     def _towards(self, mixed: MixedRegression, theta: np.ndarray, gates: np.ndarray, dt: float) -> np.ndarray:
         """The indirect term's flow from theta, towards the least-squares estimate."""

@@ -150,12 +150,12 @@ def _least_squares_steps(
 ) -> tuple[np.ndarray, ...]:
     """`kernels.least_squares_step` of a batch; gains: alpha, beta, xi, dt."""
     many, lead = many_kernels(), triangle.shape[:-2]
-    triangle, weakest = read_only(batch_last(triangle, 2)), batch_last(weakest, 1)
+    triangle, weakest = read_only(batch_last(triangle, 2, lead)), batch_last(weakest, 1, lead)
     prior = np.broadcast_to(prior, lead).ravel()
     updated = triangular(triangle.shape)
     kept, innovation, found = (aligned(array.shape) for array in (prior, prior, weakest))
     many.all_least_squares_step(
-        triangle, prior, weakest, batch_last(omega, 2), batch_last(y, 1), *gains,
+        triangle, prior, weakest, batch_last(omega, 2, lead), batch_last(y, 1, lead), *gains,
         many.block_edges(prior.size), updated, kept, innovation, found,
     )  # fmt: skip
     return tuple(batch_first(array, lead) for array in (read_only(updated), kept, innovation, found))

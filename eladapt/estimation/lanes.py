@@ -3,6 +3,7 @@
 The arrays of a batch stand with its axis last in memory, and a block of estimators is advanced side by side:
 the innermost loops go over them, so that they are long and vectorised whatever the size of a triangle is. All
 functions want contiguous arrays with the batch last; `Information` and the rest show it first, as views.
+The blocks run in numba's threads, which a process forked after they ran cannot use.
 """
 
 from __future__ import annotations
@@ -63,12 +64,13 @@ def add_products(x: np.ndarray, y: np.ndarray, into: np.ndarray) -> None:
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
 def find_reflection(
-    column: np.ndarray, top: np.ndarray, factors: np.ndarray, share: np.ndarray, occupied: np.ndarray
-) -> None:
+    column: np.ndarray, top: np.ndarray, factors: np.ndarray, share: np.ndarray, inverse: np.ndarray,
+    occupied: np.ndarray,
+) -> None:  # fmt: skip
     """The reflection that makes a column (m, lanes) zero and what stands above it, top, its length.
 
     Fills in factors and share, with which a column [t; r] becomes [t - p; r - factors p] for
-    p = share (t + factors'r); occupied (m,): which rows take part at all.
+    p = share (t + factors'r); occupied (m,): which rows take part at all. inverse (lanes,): scratch.
     """
     share[:] = 0.0
     for i in range(len(column)):
@@ -82,12 +84,12 @@ def find_reflection(
         length = -copysign(sqrt(top[lane] * top[lane] + square), top[lane])
         nothing = square == 0.0
         gap = 1.0 if nothing else top[lane] - length
-        factors[0, lane] = 1 / gap
+        inverse[lane] = 1 / gap
         share[lane] = 0.0 if nothing else -gap / length
         top[lane] = top[lane] if nothing else length
-    for i in range(len(column) - 1, -1, -1):
+    for i in range(len(column)):
         for lane in range(len(top)):
-            factors[i, lane] = factors[0, lane] * column[i, lane]
+            factors[i, lane] = inverse[lane] * column[i, lane]
 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
@@ -107,7 +109,7 @@ def update_block(
         rows[size - 1, i] = sqrt(weight) * y[i, lo:hi]
     for j in range(size):
         updated[j, j, lo:hi] = root * triangle[j, j, lo:hi]
-        find_reflection(rows[j], updated[j, j, lo:hi], factors, share, occupied)
+        find_reflection(rows[j], updated[j, j, lo:hi], factors, share, product, occupied)
         for k in range(j + 1, size):
             before, top, row = triangle[j, k, lo:hi], updated[j, k, lo:hi], rows[k]
             product[:] = 0.0
@@ -374,7 +376,9 @@ def adapt_block(
                 left = max(size ** (1 - b) - (1 - b) * speed, 0.0) ** (1 / (1 - b))
             change[lane] = copysign(left, error[lane]) - error[lane] if excited else 0.0
         for i in range(n):
-            add_product(basis[i, p, lo:hi], change, adapted[i, lo:hi])
+            direction, into = basis[i, p, lo:hi], adapted[i, lo:hi]
+            for lane in range(width):  # where there is no excitation, the direction may be anything
+                into[lane] += direction[lane] * change[lane] if change[lane] != 0.0 else 0.0
 
 
 @njit(cache=True, parallel=True)

@@ -110,11 +110,11 @@ def _directional_mixes(
 ) -> tuple[np.ndarray, ...]:
     """`kernels.directional_mix` of a batch."""
     many, lead = many_kernels(), triangle.shape[:-2]
-    basis = batch_last(np.broadcast_to(basis, (*lead, *basis.shape[-2:])), 2)
+    basis = batch_last(basis, 2, lead)
     prior = np.broadcast_to(prior, lead).ravel()
     found = [aligned(basis.shape[1:]), aligned(basis.shape[1:]), aligned(basis.shape)]
     many.all_directional_mix(
-        read_only(batch_last(triangle, 2)), first, basis, prior, saturation, dust,
+        read_only(batch_last(triangle, 2, lead)), first, basis, prior, saturation, dust,
         many.block_edges(prior.size), *found,
     )  # fmt: skip
     return tuple(batch_first(array, lead) for array in found)

@@ -58,7 +58,7 @@ class ForceBalance:
 
     pole [1/s]; weight: scalar or (nv,), multiplies each row of y and Omega. stiction_speed [rad/s]: five
     times the velocity noise or more; where there are no Coulomb columns it is not used. compiled: by
-    numba (extra ``fast``): the sums; of a batch without friction columns, the regressors too.
+    numba (extra ``fast``): the sums of one robot; the regressors too of a batch without friction columns.
     """
 
     regressors: Regressors
@@ -77,7 +77,7 @@ class ForceBalance:
             raise ArgumentError(f"interpolation: expected 'linear' or 'hermite', got {self.interpolation!r}")
 
     def init(self, measurement: Measurement) -> FilterState:
-        """The filter at rest at the first sample; with leading axes in q and v, as many filters."""
+        """The filter at rest at the first sample; with a leading axis in q and v, as many filters."""
         _, q, v, _ = measurement
         return FilterState(q, v, np.zeros(v.shape), np.zeros((*v.shape, len(self.regressors))))
 

@@ -1,8 +1,8 @@
 """The triangle of square-root information, and the three questions that the estimators ask of it.
 
 T is the triangular factor of the rows [Omega | y] seen so far, as they are weighted now; its last column
-is t, its last entry the residual. Each question has one answer by LAPACK (default), one along
-leading axes in numpy, and one compiled by numba, for one triangle or many. All three agree to rounding.
+is t, its last entry the residual. Each question has one answer by LAPACK (default) and one along leading
+axes in numpy; `kernels` and `lanes` have those that numba compiles. All agree to rounding.
 """
 
 from __future__ import annotations
@@ -88,18 +88,10 @@ def least_eigenvalue(triangle: np.ndarray, weakest: np.ndarray) -> tuple[float |
     return (1 / length) ** 2, whole / length
 
 
-def directions(
-    triangle: np.ndarray, start: int, basis: np.ndarray | None = None, compiled: bool = False
-) -> Directions:
-    """Of the parameters from ``start`` on.
-
-    compiled: of one triangle (l + 1, l + 1), beginning with the basis (k, k) of the sample before.
-    """
+def directions(triangle: np.ndarray, start: int) -> Directions:
+    """Of the parameters from ``start`` on."""
     size = triangle.shape[-1] - 1
     k = size - start
-    if compiled:
-        basis = np.eye(k) if basis is None else basis
-        return Directions(*kernels().singular_directions(triangle, start, basis))
     if k == 0 or triangle.ndim > 2:
         left, singular, right = np.linalg.svd(triangle[..., start:size, start:size])
         projected = (triangle[..., None, start:size, size] @ left)[..., 0, :]
@@ -122,8 +114,8 @@ def _accumulate_many(
     lead, size = triangle.shape[:-2], triangle.shape[-1]
     kept = np.broadcast_to(kept, lead)
     if compiled:
-        many, arrays = many_kernels(), [batch_last(array, own) for array, own in ((omega, 2), (y, 1))]
-        before, edges = read_only(batch_last(triangle, 2)), many.block_edges(kept.size)
+        many, arrays = many_kernels(), [batch_last(array, own, lead) for array, own in ((omega, 2), (y, 1))]
+        before, edges = read_only(batch_last(triangle, 2, lead)), many.block_edges(kept.size)
         updated = triangular(before.shape)
         many.all_update_triangle(before, kept.ravel(), weight, *arrays, edges, updated)
         return batch_first(read_only(updated), lead)

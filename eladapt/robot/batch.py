@@ -11,11 +11,13 @@ from eladapt.batches import aligned, batch_first, batch_last
 from eladapt.compiling import kernel_module
 from eladapt.robot.model import Robot
 
-TURNING, CONTINUOUS, SLIDING = 0, 1, 2  # kinds of joints; a continuous one's cosine and sine stand in q
-
 
 class Positions:
-    """Differences and sums of positions q (..., nq) as pin.difference and pin.integrate have them."""
+    """Differences and sums of positions q (..., nq) as pin.difference and pin.integrate have them.
+
+    The angle between two positions of a continuous joint is that of their directions, also where they are a
+    little off the unit circle.
+    """
 
     def __init__(self, model: pin.Model):
         joints = range(1, model.njoints)
@@ -26,7 +28,7 @@ class Positions:
 
     def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
         """(..., nv) from q0 to q1; the short way round on continuous joints."""
-        change = q1[..., self.first] - q0[..., self.first]
+        change = np.subtract(q1[..., self.first], q0[..., self.first], dtype=float)
         if len(self.cosines):
             c0, s0, c1, s1 = (q[..., at] for q in (q0, q1) for at in (self.cosines, self.sines))
             change[..., self.continuous] = np.arctan2(c0 * s1 - s0 * c1, c0 * c1 + s0 * s1)
@@ -38,7 +40,8 @@ class Positions:
         moved[..., self.first] = q[..., self.first] + dq
         if len(self.cosines):
             c, s, angle = q[..., self.cosines], q[..., self.sines], dq[..., self.continuous]
-            cosine, sine = np.cos(angle), np.sin(angle)
+            length = (3 - c * c - s * s) / 2  # back to the unit circle, to first order
+            cosine, sine = length * np.cos(angle), length * np.sin(angle)
             moved[..., self.cosines] = c * cosine - s * sine
             moved[..., self.sines] = s * cosine + c * sine
         return moved
@@ -70,9 +73,10 @@ class TorqueRegressors:
         joints = range(1, model.njoints)
         axes = np.array([_axis(model, joint) for joint in joints])
         frames = [model.jointPlacements[joint] for joint in joints]
-        sliding = np.any(axes[:, :3] != 0, axis=1)
+        self._kernels = kernels = kernel_module("eladapt.robot.kernels")
+        turning = np.where(positions.continuous, kernels.CONTINUOUS, kernels.TURNING)
         self.tree = (
-            np.where(sliding, SLIDING, np.where(positions.continuous, CONTINUOUS, TURNING)),
+            np.where(np.any(axes[:, :3] != 0, axis=1), kernels.SLIDING, turning),
             positions.first,
             np.array([model.parents[joint] - 1 for joint in joints]),
             np.array([_turns(frame.rotation, axis[3:]) for frame, axis in zip(frames, axes, strict=True)]),
@@ -86,12 +90,12 @@ class TorqueRegressors:
 
     def filtered(self, omega: np.ndarray, rho: float, weight: np.ndarray, path: Path) -> np.ndarray:
         """rho omega + weight W (B, nv, l), W the mean over the points of each path; omega (B, nv, l)."""
-        kernel = kernel_module("eladapt.robot.kernels").filtered_regressors
-        before = batch_last(omega, 2)
+        before = batch_last(omega, 2, path.v0.shape[:1])
         found = aligned(before.shape)
         ends = map(np.ascontiguousarray, path[:4])
-        kernel(*self.tree, *self.map, *ends, *path[4:], before, rho, weight, found)
-        return batch_first(found, omega.shape[:1])
+        gains = (before, rho, weight, found)
+        self._kernels.filtered_regressors(*self.tree, *self.map, *ends, *path[4:], *gains)
+        return batch_first(found, path.v0.shape[:1])
 
 
 def _axis(model: pin.Model, joint: int) -> np.ndarray:

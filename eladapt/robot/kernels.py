@@ -13,7 +13,7 @@ from math import atan2, cos, sin
 import numpy as np
 from numba import njit, prange
 
-from eladapt.robot.batch import CONTINUOUS, SLIDING, TURNING
+TURNING, CONTINUOUS, SLIDING = 0, 1, 2  # what a joint does; a continuous one has its cosine and sine in q
 
 GROUP = 8  # of the batch, whose results stand in one line of the cache
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order
@@ -41,7 +41,8 @@ def follow_joint(
     elif kind == TURNING:
         state[0], state[1], state[2] = cos(q0[0] + offset), sin(q0[0] + offset), 0.0
     else:
-        c, s = cos(offset), sin(offset)
+        length = (3 - q0[0] * q0[0] - q0[1] * q0[1]) / 2  # back to the unit circle, as Pinocchio does
+        c, s = length * cos(offset), length * sin(offset)
         state[0], state[1], state[2] = q0[0] * c - q0[1] * s, q0[1] * c + q0[0] * s, 0.0
 
 

@@ -9,12 +9,12 @@ from shared import load
 
 import eladapt as ea
 import eladapt.estimation
-from eladapt.batches import aligned
+from eladapt import batches
 from eladapt.compiling import kernel_module
 from eladapt.errors import ArgumentError
 from eladapt.estimation.excitation import GateMonitor
 from eladapt.estimation.extensions import Information
-from eladapt.estimation.triangle import accumulate, directions
+from eladapt.estimation.triangle import Directions, accumulate, directions, kernels
 
 DT, MANY, STEPS = 1e-3, 3, 60
 PATHS = [False, pytest.param(True, id="compiled")]
@@ -104,6 +104,14 @@ def test_compiled_controller_is_the_default_one(name):
     assert np.abs(fast.error[-1]).max() <= max(1e-6, 2 * np.abs(plain.error[-1]).max())
 
 
+def directions_on(compiled: bool, factor, start, basis) -> Directions:
+    return (
+        Directions(*kernels().singular_directions(factor, start, basis))
+        if compiled
+        else directions(factor, start)
+    )
+
+
 @pytest.mark.parametrize("compiled", PATHS)
 def test_directions_stay_orthogonal_over_many_steps(compiled, rng):
     """Warm-started rotations do not let rounding add up: V'V = I and T V = U Sigma after 3000 updates."""
@@ -112,7 +120,7 @@ def test_directions_stay_orthogonal_over_many_steps(compiled, rng):
     for _ in range(3000):
         rows = ea.Regression(rng.normal(size=3), rng.normal(size=(3, size)) * np.logspace(0, -4, size))
         factor = accumulate(factor, 0.99, 0.01, rows, compiled)
-        found = directions(factor, size - k, basis, compiled)
+        found = directions_on(compiled, factor, size - k, basis)
         basis = np.ascontiguousarray(found.basis)
     block = factor[size - k : size, size - k : size]
     np.testing.assert_allclose(basis.T @ basis, np.eye(k), atol=1e-13)
@@ -130,7 +138,7 @@ def test_directions_are_found_in_whatever_order_the_columns_stand(compiled, coup
         factor = np.triu(rng.normal(size=(size + 1, size + 1)))
         factor[0, 1:size] *= coupling
         factor[np.diag_indices(size)] = rng.permutation(np.logspace(-1, 1, size))
-        found = directions(factor, 0, np.eye(size), compiled)
+        found = directions_on(compiled, factor, 0, np.eye(size))
         block = factor[:size, :size]
         # Condition numbers stay below 1e4: singular values are good to the rounding of the largest, the
         # solution to ten thousand times that.
@@ -179,13 +187,14 @@ def test_batches_of_every_size_are_their_members(lead, extension, rng):
     size, k = 7, 4
     one = [extension.init(size) for _ in range(np.prod(lead))]
     many = extension.init(size, lead)
+    mixing, mixed = ea.Directional(compiled=True), None
     for _ in range(12):
         y, omega = rng.normal(size=(*lead, 3)), rng.normal(size=(*lead, 3, size))
         omega[..., 1, 2] = 0.0  # a row that takes no part in one reflection
         many = extension.step(many, ea.Regression(y, omega), DT)
+        mixed = mixing.mix(many, k, mixed)  # from the directions of the sample before
         rows = zip(y.reshape(-1, 3), omega.reshape(-1, 3, size), strict=True)
         one = [extension.step(each, ea.Regression(*row), DT) for each, row in zip(one, rows, strict=True)]
-    mixed = ea.Directional(compiled=True).mix(many, k)
     for place, each in zip(np.ndindex(lead), one, strict=True):
         # A row's sign is arbitrary where it begins with rounding.
         close(np.abs(many.triangle[place]), np.abs(each.triangle), "triangle")
@@ -233,15 +242,97 @@ def test_a_batchs_law_is_the_single_one(b, many, rng):
         np.testing.assert_allclose(together[i], alone, rtol=0, atol=1e-13)
 
 
-def test_a_batchs_memory_is_used_again_only_when_nothing_shows_it():
-    shape = (70, 4, 256)
-    first = aligned(shape)
+def test_a_batchs_directions_stay_orthogonal_over_many_steps(rng):
+    """Rotations that start from the sample before do not let rounding add up, in a batch as in one."""
+    size, k, many, mixed = 6, 4, 40, None
+    extension, mixing = ea.LeastSquares(compiled=True), ea.Directional(compiled=True)
+    information = extension.init(size, (many,))
+    for _ in range(1000):
+        rows = ea.Regression(rng.normal(size=(many, 3)), rng.normal(size=(many, 3, size)))
+        information = extension.step(information, rows, DT)
+        mixed = mixing.mix(information, k, mixed)
+    product = np.swapaxes(mixed.basis, 1, 2) @ mixed.basis
+    np.testing.assert_allclose(product, np.broadcast_to(np.eye(k), product.shape), rtol=0, atol=1e-14)
+
+
+def test_what_counts_for_all_of_a_batch_need_not_be_repeated(rng):
+    """Arguments without leading axes, or, without the direct term, none; axes that do not fit are named."""
+    many, n, nv = 40, 3, 2
+    theta, Y, delta = np.abs(rng.normal(size=(3, many, n)))
+    psi, e1, e2, basis = (
+        rng.normal(size=(nv, n)),
+        *rng.normal(size=(2, nv)),
+        np.linalg.qr(rng.normal(size=(n, n)))[0],
+    )
+    whole = [np.broadcast_to(array, (many, *array.shape)) for array in (psi, e1, e2, basis)]
+    law = ea.CompositeLaw(compiled=True)
+    found = law.step(theta, psi, e1, e2, ea.MixedRegression(Y, delta, basis), DT)
+    np.testing.assert_array_equal(
+        found, law.step(theta, *whole[:3], ea.MixedRegression(Y, delta, whole[3]), DT)
+    )
+    alone = ea.CompositeLaw(compiled=True, direct=False)
+    expected = dataclasses.replace(alone, compiled=False).step(
+        theta, *whole[:3], ea.MixedRegression(Y, delta, basis), DT
+    )
+    found = alone.step(theta, None, None, None, ea.MixedRegression(Y, delta, basis), DT)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+    extension = ea.LeastSquares(compiled=True)
+    with pytest.raises(ArgumentError, match=r"expected the leading axes \(40,\), got \(20,\)"):
+        extension.step(extension.init(n, (many,)), ea.Regression(np.ones((20, 1)), np.ones((20, 1, n))), DT)
+
+
+def test_a_batch_without_rows_or_parameters_is_a_batch(rng):
+    """No new rows: the information only fades. No gravity parameters: nothing to learn."""
+    many, size = 40, 4
+    extension, law = ea.Kreisselmeier(compiled=True), ea.CompositeLaw(compiled=True)
+    rows = ea.Regression(rng.normal(size=(many, 2)), rng.normal(size=(many, 2, size)))
+    before = extension.step(extension.init(size, (many,)), rows, DT)
+    after = extension.step(before, ea.Regression(np.zeros((many, 0)), np.zeros((many, 0, size))), DT)
+    kept = np.exp(-extension.forgetting * DT)
+    np.testing.assert_allclose(after.triangle, np.sqrt(kept) * before.triangle, rtol=1e-14)
+    nothing, still = np.zeros((many, 0)), np.zeros((many, 2))
+    mixed = ea.MixedRegression(nothing, nothing, np.zeros((many, 0, 0)))
+    assert law.step(nothing, np.zeros((many, 2, 0)), still, still, mixed, DT).shape == (many, 0)
+
+
+def test_one_broken_member_leaves_a_batchs_others_alone(rng):
+    """What is not a number in one stays there, and without excitation does not reach its theta either."""
+    many, n = 40, 3
+    theta, still, psi = np.ones((many, n)), np.zeros((many, 2)), np.zeros((many, 2, n))
+    Y, delta, basis = rng.normal(size=(many, n)), np.ones((many, n)), np.tile(np.eye(n), (many, 1, 1))
+    law = ea.CompositeLaw(compiled=True)
+    expected = law.step(theta, psi, still, still, ea.MixedRegression(Y, delta, basis), DT)
+    Y[5], delta[5], basis[5], expected[5] = 0.0, 0.0, np.nan, theta[5]
+    found = law.step(theta, psi, still, still, ea.MixedRegression(Y, delta, basis), DT)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_batchs_memory_is_used_again_only_when_nothing_shows_it(monkeypatch):
+    made, fresh = [], batches._fresh
+    monkeypatch.setattr(batches, "_fresh", lambda *args, **more: made.append(args) or fresh(*args, **more))
+    shape = (71, 4, 256)  # of no other test
+    first = batches.aligned(shape)
     address, part = first.ctypes.data, first[3:5].transpose(2, 1, 0)
     part[:] = 7.0
     assert address % 64 == 0
     del first
     for _ in range(8):
-        aligned(shape)[:] = 0.0
+        batches.aligned(shape)[:] = 0.0
+    assert len(made) == 2, "the second serves all eight, since a view still shows the first"
     np.testing.assert_array_equal(part, 7.0)
     del part
-    assert address in {aligned(shape).ctypes.data for _ in range(8)}
+    pair = batches.aligned(shape), batches.aligned(shape)
+    assert len(made) == 2
+    assert address in {array.ctypes.data for array in pair}
+
+
+def test_a_batchs_triangles_cannot_be_written_to(rng):
+    """What is below their diagonals is never written again, so nobody may."""
+    extension = ea.LeastSquares(compiled=True)
+    information = extension.init(4, (40,))
+    for _ in range(5):
+        rows = ea.Regression(rng.normal(size=(40, 2)), rng.normal(size=(40, 2, 4)))
+        information = extension.step(information, rows, DT)
+    np.testing.assert_array_equal(np.tril(information.triangle, -1), 0.0)
+    with pytest.raises(ValueError, match="read-only"):
+        information.triangle[0, 1, 0] = 1.0
