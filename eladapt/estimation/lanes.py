@@ -3,7 +3,8 @@
 The arrays of a batch stand with its axis last in memory, and a block of estimators is advanced side by side:
 the innermost loops go over them, so that they are long and vectorised whatever the size of a triangle is. All
 functions want contiguous arrays with the batch last; `Information` and the rest show it first, as views.
-The blocks run in numba's threads, which a process forked after they ran cannot use.
+The blocks run in numba's threads, which a process forked after they ran cannot use. One file, since numba's
+cache of a kernel does not see when a function that it calls changes in another.
 """
 
 from __future__ import annotations

@@ -180,8 +180,14 @@ class Regressors:
         return self._assemble(self._standard.kinetic_torque(q, v, a), q, v)
 
     def filtered_torque(self, omega: np.ndarray, rho: float, weight: np.ndarray, path: Path) -> np.ndarray:
-        """rho omega + weight W (B, nv, l), weight (nv,) by rows and W the mean of `torque` over the points of
-        each path, in one call by numba (extra ``fast``) and without Pinocchio; omega (B, nv, l)."""
+        """rho omega + weight W (B, nv, l): what the filter of (419) makes of a step along each path.
+
+        omega (B, nv, l), weight (nv,), of the rows; W is the mean of `torque` over the points of a path. By
+        numba (extra ``fast``) in one call, without Pinocchio. Raises ArgumentError where there are friction
+        columns, EladaptError without numba.
+        """
+        if self.n_friction:
+            raise ArgumentError("friction: expected regressors without friction columns, got some")
         first, *others = self._compiled
         filtered = first.filtered(omega, rho, weight, path)
         for other in others:

@@ -8,7 +8,8 @@ import pytest
 from shared import ROBOTS, TREE, load, regressors
 
 import eladapt as ea
-from eladapt.robot.batch import Positions
+from eladapt.errors import ArgumentError
+from eladapt.robot.batch import Path, Positions
 
 MANY, POINTS, DT = 11, 2, 0.2  # more than a group of the kernel, and no multiple of it; long steps
 ROUNDING = 1e-12  # of the largest entry; observed 2e-13 (kinova, whose angles Pinocchio turns to matrices)
@@ -77,6 +78,14 @@ def test_continuous_joints_may_be_a_little_off_the_circle(rng):
 def test_they_are_on_a_branched_tree_with_joints_of_every_kind(tree, sharing, interpolation, rng):
     """Axes off the frames' own, sliding and continuous joints, rotors, two branches."""
     require_alike(ea.Regressors(tree, sharing), interpolation, rng)
+
+
+def test_friction_columns_are_not_left_out_without_a_word():
+    reg = regressors("two_link", "shared", True)
+    still = np.zeros((1, 2))
+    path = Path(still, still, still, still, DT, np.array([0.5]), False)
+    with pytest.raises(ArgumentError, match="without friction columns"):
+        reg.filtered_torque(np.zeros((1, 2, len(reg))), 1.0, np.ones(2), path)
 
 
 def test_they_are_in_parameters_of_ones_own(rng):
