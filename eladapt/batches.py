@@ -84,7 +84,10 @@ def with_axes(array: np.ndarray, own: int, lead: tuple[int, ...]) -> np.ndarray:
     try:
         return np.broadcast_to(array, (*lead, *array.shape[len(leading) :]))
     except ValueError as reason:
-        raise ArgumentError(f"batch: expected the leading axes {lead}, got {leading}") from reason
+        raise ArgumentError(
+            f"batch: expected the leading axes {lead}, got {leading}, of the shape {array.shape}; "
+            "give one entry for each estimator of the state, or no leading axes, to count for all"
+        ) from reason
 
 
 def batch_last(array: np.ndarray, own: int, lead: tuple[int, ...]) -> np.ndarray:
