@@ -22,10 +22,10 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
-from eladapt.control.saved import StateWriter
 from eladapt.errors import SimulationError
+from eladapt.records.state_file import StateWriter
 from eladapt.simulation.faults import BlockedJoints, FrozenSensor, Jitter, LostNumbers, Packets, WeakMotors
-from eladapt.simulation.hardware import Delay
+from eladapt.simulation.instruments import Delay
 from eladapt.simulation.run import Plant
 
 DT, ARRIVED = 1e-3, 2e-3

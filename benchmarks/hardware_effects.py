@@ -19,7 +19,7 @@ from tqdm import tqdm
 import eladapt as ea
 from eladapt.control.gains import extremes
 from eladapt.errors import SimulationError
-from eladapt.simulation.hardware import Delay, Encoders, NoisyReadings
+from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 from eladapt.simulation.run import Plant
 
 DT = 1e-3

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from eladapt.files import atomic_write
-from eladapt.simulation.record import versions
+from eladapt.records.record import versions
 
 # With the extra "fast" the controllers are compiled: the same figures, to rounding, several times sooner.
 COMPILED = importlib.util.find_spec("numba") is not None

@@ -4,14 +4,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from eladapt import paper
-from eladapt.control.bounds import model_bounds
-from eladapt.control.certificates import certify, settling_bounds
 from eladapt.control.composite import CompositeController, ControllerState
 from eladapt.control.finite_time import FiniteTimePD
-from eladapt.control.gate import FAULTS, Fault, TorqueGate
-from eladapt.control.gated import GatedController, GatedState
-from eladapt.control.lyapunov import LyapunovFunctions
-from eladapt.control.saved import load_state, save_state
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import TerminalSliding
 from eladapt.errors import EladaptError
@@ -26,16 +20,22 @@ from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
 from eladapt.hardware.timing import Timing
 from eladapt.hardware.udp import UdpRobot
+from eladapt.records.record import Record
+from eladapt.records.state_file import load_state, save_state
+from eladapt.regressors.base import ParameterBasis
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.library import names as robots
 from eladapt.robot.model import Robot
-from eladapt.robot.parameters import ParameterBasis
-from eladapt.robot.regressors import Regressors
+from eladapt.safety.gate import FAULTS, Fault, TorqueGate
+from eladapt.safety.gated import GatedController, GatedState
 from eladapt.signals import Measurement, MixedRegression, Regression
 from eladapt.simulation.disturbances import Friction, Noise, Payload
 from eladapt.simulation.many import simulate_many
 from eladapt.simulation.plants import PinocchioPlant
-from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
+from eladapt.theory.bounds import model_bounds
+from eladapt.theory.certificates import certify, settling_bounds
+from eladapt.theory.lyapunov import LyapunovFunctions
 
 if TYPE_CHECKING:
     from eladapt.display.live import LiveView

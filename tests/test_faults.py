@@ -6,7 +6,7 @@ from shared import load
 
 import eladapt as ea
 from eladapt.simulation.faults import BlockedJoints, FrozenSensor, Jitter, LostNumbers, Packets, WeakMotors
-from eladapt.simulation.hardware import Delay
+from eladapt.simulation.instruments import Delay
 
 DT, BEGINS, ENDS = 1e-3, 0.25, 0.35
 

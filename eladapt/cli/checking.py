@@ -9,9 +9,9 @@ import numpy as np
 
 from eladapt.control.gains import derive_gains, effort, extremes
 from eladapt.errors import ArgumentError, EladaptError, UrdfError, require_number
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot import library
 from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 
 
 def robots(_options: argparse.Namespace) -> None:

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from eladapt.cli.checking import find
-from eladapt.control.certificates import certify
 from eladapt.control.composite import CompositeController
 from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_number, require_vector
+from eladapt.records.record import Record
 from eladapt.robot.model import Robot
 from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import PinocchioPlant
-from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
+from eladapt.theory.certificates import certify
 
 FRICTION: dict[str, Any] = {"none": False, "viscous": "viscous", "coulomb": "coulomb", "both": True}
 NEAR = 0.5  # [rad] from home, where a robot has no goal of its own

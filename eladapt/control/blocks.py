@@ -23,6 +23,12 @@ class ExtensionBlock(Protocol):
     def step(self, information: Any, regression: Regression, dt: float) -> Any: ...
 
 
+class CovarianceBlock(ExtensionBlock, Protocol):
+    """An extension that also has the covariance F (l, l) of (LSorginal)."""
+
+    def covariance(self, information: Any) -> np.ndarray: ...
+
+
 class MixingBlock(Protocol):
     """What makes scalar regressions of the accumulated ones."""
 

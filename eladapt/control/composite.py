@@ -14,10 +14,10 @@ from eladapt.control.blocks import ControlBlock, ExtensionBlock, MixingBlock, Re
 from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.gains import Gains, derive_gains, effort, extremes
-from eladapt.control.hardware import QUIET_XI, Hardware
 from eladapt.control.line import CompiledLine
-from eladapt.control.samples import checked_step, elapsed
+from eladapt.control.sensing import QUIET_XI, Hardware
 from eladapt.control.state import ControllerState
+from eladapt.control.stepping import checked_step, elapsed
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import ChangeDetector
@@ -27,8 +27,8 @@ from eladapt.estimation.friction import FrictionCompensation, FrictionEstimate, 
 from eladapt.estimation.mixing import Directional
 from eladapt.estimation.payload import PayloadEstimate, completed, estimate_payload
 from eladapt.estimation.regressions import ForceBalance
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
 
 
@@ -109,7 +109,7 @@ class CompositeController:
         """Every gain derived from the URDF, for steps of dt [s]; those ``given`` by name are kept.
 
         position_noise [rad], velocity_noise [rad/s], delay [s], velocity_lag [s]: what is known of the
-        hardware, see `eladapt.control.hardware.Hardware`; the control law's horizon, the information floor
+        hardware, see `eladapt.control.sensing.Hardware`; the control law's horizon, the information floor
         and the speed below which a joint counts as stuck follow from it.
 
         Names: P, D, D_L, horizon, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.control.hardware import Hardware, choose_floor, choose_horizon
+from eladapt.control.sensing import Hardware, choose_floor, choose_horizon
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 
 SAMPLES = 200  # configurations over which the extremes of M and g are taken
 # Part of a radian that the fastest motion which only sampled feedback sees may turn in one step. At 1 kHz the

@@ -11,15 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.control.blocks import RegressionBlock
+from eladapt.control.blocks import CovarianceBlock, RegressionBlock
 from eladapt.control.gains import derive_sliding_gains
 from eladapt.errors import require_gain, require_number, require_vector
 from eladapt.estimation.excitation import IntervalExcitation
 from eladapt.estimation.extensions import Information, LeastSquares
 from eladapt.estimation.regressions import ForceBalance
-from eladapt.estimation.typeset import EulerLeastSquares
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, Regression
 
 
@@ -57,7 +56,7 @@ def linear_reference(e1: np.ndarray, e2: np.ndarray, K2: np.ndarray) -> Referenc
 class SlotineLi:
     """tau = W_r theta - K1 s (AsymptoticAC), theta' = -P [W_r' s + w Omega' e_p] (LSSlotineLi).
 
-    P follows (LSorginal): ``extension`` is `EulerLeastSquares`, as typeset, or `LeastSquares`. weight:
+    P follows (LSorginal): ``extension`` is `LeastSquares`, or `EulerLeastSquares`, as typeset. weight:
     w = 1 as typeset; the Lyapunov argument needs w >= alpha/2, for which w = alpha is the usual choice.
     K1 [N m s/rad], K2 [1/s]: scalar or (nv,). theta is stepped by explicit Euler. track: keep the
     integral of Omega'Omega, for `SlotineLiState.level`.
@@ -67,7 +66,7 @@ class SlotineLi:
 
     regressors: Regressors
     regression: RegressionBlock
-    extension: EulerLeastSquares | LeastSquares
+    extension: CovarianceBlock
     K1: float | np.ndarray
     K2: float | np.ndarray
     weight: float = 1.0

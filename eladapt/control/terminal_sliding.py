@@ -12,16 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.control.blocks import RegressionBlock
+from eladapt.control.blocks import ExtensionBlock, RegressionBlock
 from eladapt.control.gains import derive_sliding_gains
 from eladapt.control.proximal import signed_power
 from eladapt.control.slotine_li import Reference, linear_reference
 from eladapt.errors import require_gain, require_number, require_vector
 from eladapt.estimation.extensions import Kreisselmeier
 from eladapt.estimation.regressions import ForceBalance
-from eladapt.estimation.typeset import EulerKreisselmeier
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, Regression
 
 
@@ -70,7 +69,7 @@ class TerminalSliding:
 
     regressors: Regressors
     regression: RegressionBlock
-    extension: EulerKreisselmeier | Kreisselmeier
+    extension: ExtensionBlock
     K1: float | np.ndarray
     K2: float | np.ndarray
     K_s: float | np.ndarray

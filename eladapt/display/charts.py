@@ -11,7 +11,7 @@ from bokeh.models import ColumnDataSource, HoverTool, Legend, LegendItem, Range1
 from bokeh.plotting import figure
 
 from eladapt.display.curves import ARRIVED, COLOURS, SMALLEST, reduced
-from eladapt.simulation.record import Record
+from eladapt.records.record import Record
 
 DASHES: tuple[Any, ...] = ("solid", (10, 3), (8, 2, 2, 2), (3, 2), (12, 2, 2, 2, 2, 2))
 TOOLS = "pan,xwheel_zoom,box_zoom,reset,save"

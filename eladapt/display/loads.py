@@ -10,8 +10,8 @@ from meshcat import geometry as draw
 from meshcat.animation import Animation
 
 from eladapt.display.scene import LOAD_COLOUR, TRUE_LOAD_COLOUR, Motion, Scene
+from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.simulation.record import Record
 
 DENSITY = 2000.0  # [kg/m^3] of the balls, that of stone: 2 kg make a ball of 0.12 m
 WIRES = 1.04  # the true ball's radius by its mass: wires just outside an estimate that is right

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from eladapt.display.curves import ARRIVED, COLOURS, SMALLEST, reduced
 from eladapt.errors import ArgumentError
 from eladapt.files import atomic_write
-from eladapt.simulation.record import Record
+from eladapt.records.record import Record
 
 SUFFIXES = (".png", ".pdf", ".svg")
 STYLE: Any = {

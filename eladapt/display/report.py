@@ -16,7 +16,7 @@ from eladapt.display.page import POLICY
 from eladapt.display.viewer import page_of
 from eladapt.errors import ArgumentError, EladaptError
 from eladapt.files import atomic_write
-from eladapt.simulation.record import Record
+from eladapt.records.record import Record
 
 try:
     from bokeh.embed import file_html

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.simulation.record import Record
 
 STYLE = """
 :host { font: 14px/1.5 sans-serif; color: #223 }

@@ -23,8 +23,8 @@ from eladapt.display.page import LOOPBACK, PageServer, filled
 from eladapt.display.scene import TRAIL_COLOUR, Scene, camera_for, motion_of, visuals_of
 from eladapt.errors import ArgumentError, require_number
 from eladapt.files import atomic_write
+from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.simulation.record import Record
 
 FRAMES_PER_SECOND = 30
 MOST_FRAMES = 3000  # of one animation; a longer motion gets fewer frames a second

@@ -15,7 +15,7 @@ import numpy as np
 from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.estimation.extensions import Information
 from eladapt.estimation.mixing import DUST
-from eladapt.robot.regressors import Regressors
+from eladapt.regressors.regressors import Regressors
 from eladapt.signals import Measurement
 
 # A parameter is unknown when more than this part of it lies in directions that are not excited.

@@ -20,8 +20,8 @@ import scipy.linalg
 from eladapt.errors import ArgumentError, require_number, require_vector
 from eladapt.estimation.extensions import Information
 from eladapt.estimation.mixing import DUST, spectrum
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.reading import frame_index
-from eladapt.robot.regressors import Regressors
 
 NAMES = ("m", "m cx", "m cy", "m cz")
 # A model that lacks something (friction, rotors) changes its mind too, and not as a load would: 2 kg on a

@@ -18,8 +18,8 @@ import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.estimation.triangle import kernels
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.batch import Path
-from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, Regression
 
 Interpolation = Literal["linear", "hermite"]

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eladapt.control.saved import StateWriter, on_clock
 from eladapt.errors import ArgumentError, EladaptError, LoopError, require_number
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
+from eladapt.records.record import Record, Recorder
+from eladapt.records.state_file import StateWriter, on_clock
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
-from eladapt.simulation.record import Record, Recorder
 from eladapt.simulation.run import Controller, Goal
 
 GAP = 1.0  # [s] between two runs whose clocks have nothing to do with each other: filters start afresh

@@ -17,20 +17,20 @@ from eladapt.control.composite import CompositeController
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import TerminalSliding
-from eladapt.control.typeset import TypesetComposite
 from eladapt.errors import ArgumentError
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.extensions import Kreisselmeier, LeastSquares
 from eladapt.estimation.mixing import Determinant
 from eladapt.estimation.regressions import ForceBalance
-from eladapt.estimation.typeset import EulerForceBalance, EulerKreisselmeier, EulerLeastSquares
+from eladapt.paper.typeset_control import TypesetComposite
+from eladapt.paper.typeset_estimation import EulerForceBalance, EulerKreisselmeier, EulerLeastSquares
+from eladapt.records.record import Record
+from eladapt.regressors.base import ParameterBasis
+from eladapt.regressors.regressors import Regressors
+from eladapt.regressors.standard import StandardRegressors
 from eladapt.robot.model import Robot
-from eladapt.robot.parameters import ParameterBasis
-from eladapt.robot.regressors import Regressors
-from eladapt.robot.standard import StandardRegressors
 from eladapt.simulation.disturbances import Friction
 from eladapt.simulation.plants import PinocchioPlant
-from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
 
 NAMES = ("C1", "C2", "C3", "C4")

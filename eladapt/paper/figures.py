@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eladapt.robot.regressors import Regressors
-from eladapt.simulation.record import Record
+from eladapt.records.record import Record
+from eladapt.regressors.regressors import Regressors
 
 # "C1 is in solid line, C2 is in dashed-dotted line, C3 is in dotted line, and C4 is in dashed line."
 STYLES = {

@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 
 from eladapt.control.composite import CompositeController
-from eladapt.control.lyapunov import LyapunovFunctions, smallest_gate
 from eladapt.control.slotine_li import SlotineLi, linear_reference
 from eladapt.paper import GOAL, START, controller
 from eladapt.paper.claims import Claim
+from eladapt.records.record import Record
 from eladapt.simulation.plants import PinocchioPlant
-from eladapt.simulation.record import Record
 from eladapt.simulation.run import simulate
+from eladapt.theory.lyapunov import LyapunovFunctions, smallest_gate
 
 SHARP_D1 = 2.0  # satisfies D_L >= d1 M(q), which the paper's d1 = 5 does not
 FINE = 4e-4  # [s], Runge-Kutta

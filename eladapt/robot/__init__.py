@@ -1,1 +1,1 @@
-"""The robot and its regressors."""
+"""The robot and its library."""

@@ -17,7 +17,6 @@ import pinocchio as pin
 
 from eladapt.errors import ArgumentError, UrdfError, require_number, require_vector
 from eladapt.robot import library
-from eladapt.robot.checks import check_mimics, check_model, check_urdf
 from eladapt.robot.reading import (
     clipped_neutral,
     frame_index,
@@ -28,6 +27,7 @@ from eladapt.robot.reading import (
     velocity_index,
 )
 from eladapt.signals import Measurement
+from eladapt.urdf.checks import check_mimics, check_model, check_urdf
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 DOUBLE = np.dtype(float)

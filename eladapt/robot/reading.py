@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from eladapt.errors import UnknownNameError, UrdfError
 from eladapt.robot import library
-from eladapt.robot.checks import read_urdf
+from eladapt.urdf.checks import read_urdf
 
 
 def frame_index(model: pin.Model, name: str) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from eladapt.errors import ArgumentError, require_number
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import Friction
-from eladapt.simulation.hardware import _Wrapper
+from eladapt.simulation.instruments import _Wrapper
 from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.run import Plant
 

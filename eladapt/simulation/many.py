@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from eladapt.errors import ArgumentError, SimulationError
-from eladapt.simulation.record import Record
+from eladapt.records.record import Record
 from eladapt.simulation.run import Controller, Goal, Plant, simulate
 
 

@@ -16,12 +16,12 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import ArgumentError, EladaptError, Finding, SimulationError, UrdfError, require_number
-from eladapt.robot.checks import read_urdf
 from eladapt.robot.model import Robot
 from eladapt.robot.reading import frame_index
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import Friction, Noise, Payload
 from eladapt.simulation.plants import NoiseModel
+from eladapt.urdf.checks import read_urdf
 
 try:
     import mujoco

@@ -9,9 +9,9 @@ import numpy as np
 from tqdm import tqdm
 
 from eladapt.errors import EladaptError, SimulationError, require_number
+from eladapt.records.record import Record, Recorder
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
-from eladapt.simulation.record import Record, Recorder
 
 Goal = np.ndarray | Callable[[float], np.ndarray]
 Observer = Callable[[float, np.ndarray, np.ndarray, Any], object]  # t [s], q, goal, the controller's state

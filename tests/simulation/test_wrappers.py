@@ -6,7 +6,7 @@ from shared import DT, load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError
-from eladapt.simulation.hardware import Delay, Encoders, NoisyReadings
+from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
 SPEED = np.array([0.7, -0.31])  # [rad/s], no whole ratio to the counts of a step
 

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_vector
+from eladapt.regressors.base import ROUNDING, ParameterBasis, independent_basis, sample, shared_basis
+from eladapt.regressors.standard import StandardRegressors
 from eladapt.robot.batch import Path, Positions, TorqueRegressors
 from eladapt.robot.model import Robot
-from eladapt.robot.parameters import ROUNDING, ParameterBasis, independent_basis, sample, shared_basis
-from eladapt.robot.standard import StandardRegressors
 
 SPAN_TOLERANCE = 1e-9  # relative; a basis of one's own must reproduce the torque this well
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.robot.regressors import Regressors
+from eladapt.regressors.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
 
 

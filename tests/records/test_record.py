@@ -8,7 +8,7 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, RecordError
-from eladapt.simulation.record import chatter
+from eladapt.records.record import chatter
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from shared import ROBOTS, load, regressors
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, RankWarning
-from eladapt.robot.parameters import Samples, independent_basis, sample
-from eladapt.robot.standard import StandardRegressors
+from eladapt.regressors.base import Samples, independent_basis, sample
+from eladapt.regressors.standard import StandardRegressors
 
 STATES = 100
 EXACT = 1e-9  # relative; what the issue of identities demands, observed 1e-11 at worst

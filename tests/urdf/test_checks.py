@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from eladapt.errors import UrdfError
 from eladapt.robot import library
-from eladapt.robot.checks import MAX_BYTES, MAX_DEPTH, MAX_JOINTS, check_model, check_urdf, read_urdf
 from eladapt.robot.model import Robot
-from eladapt.robot.urdf_numbers import parse
+from eladapt.urdf.checks import MAX_BYTES, MAX_DEPTH, MAX_JOINTS, check_model, check_urdf, read_urdf
+from eladapt.urdf.numbers import parse
 
 ARM = """<robot name="arm">
   <link name="base"/>

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from eladapt.control.fingerprint import configuration
 from eladapt.errors import ArgumentError, StateError
 from eladapt.files import atomic_write
+from eladapt.records.fingerprint import configuration
 
 FORMAT = 1
 SHOWN = 4  # differences named in a message

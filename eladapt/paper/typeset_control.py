@@ -16,7 +16,7 @@ from eladapt.control.proximal import signed_power
 from eladapt.errors import require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.excitation import Excitation, GateMonitor, saturation
-from eladapt.estimation.typeset import (
+from eladapt.paper.typeset_estimation import (
     EulerFilterState,
     EulerForceBalance,
     EulerKreisselmeier,
@@ -24,8 +24,8 @@ from eladapt.estimation.typeset import (
     Extended,
     cramer,
 )
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
 
 

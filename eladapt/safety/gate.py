@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from eladapt.control.barrier import Barrier
 from eladapt.control.gains import effort, extremes
-from eladapt.control.guards import Alarm, DivergenceGuard, GuardState
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number, require_vector
 from eladapt.robot.model import Robot
+from eladapt.safety.barrier import Barrier
+from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
 from eladapt.signals import Measurement
 
 FAULTS = (

@@ -9,15 +9,15 @@ from shared import load, regressors
 
 import eladapt as ea
 from eladapt import paper
-from eladapt.control.bounds import (
+from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.theory.bounds import (
     gate_integral,
     interval_excitation,
     model_bounds,
     window_excitation,
 )
-from eladapt.control.certificates import alpha_2, certify, decay_constant, settling_bounds
-from eladapt.control.lyapunov import LyapunovFunctions, smallest_gate
-from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.theory.certificates import alpha_2, certify, decay_constant, settling_bounds
+from eladapt.theory.lyapunov import LyapunovFunctions, smallest_gate
 
 OPEN = {"pole": 10.0, "linear_damping": 0.5, "d": 0.5}
 DT = 5e-4

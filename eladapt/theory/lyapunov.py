@@ -11,7 +11,13 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from eladapt.control.bounds import (
+from eladapt.control.finite_time import FiniteTimePD
+from eladapt.control.proximal import signed_power
+from eladapt.errors import ArgumentError, UnknownNameError, require_number
+from eladapt.estimation.adaptation import CompositeLaw
+from eladapt.regressors.regressors import Regressors
+from eladapt.robot.model import Robot
+from eladapt.theory.bounds import (
     ModelBounds,
     Run,
     Terms,
@@ -20,12 +26,6 @@ from eladapt.control.bounds import (
     require_twin,
     smallest_gate,
 )  # fmt: skip
-from eladapt.control.finite_time import FiniteTimePD
-from eladapt.control.proximal import signed_power
-from eladapt.errors import ArgumentError, UnknownNameError, require_number
-from eladapt.estimation.adaptation import CompositeLaw
-from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 
 Name = Literal["V_0", "V_1", "V_A1", "V_A2", "V_FT"]
 NAMES = ("V_0", "V_1", "V_A1", "V_A2", "V_FT")

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eladapt.control.gate import Fault, GateState, TorqueGate, checked_torque
 from eladapt.errors import ArgumentError, require_number
 from eladapt.robot.model import Robot
+from eladapt.safety.gate import Fault, GateState, TorqueGate, checked_torque
 from eladapt.signals import Measurement
 
 

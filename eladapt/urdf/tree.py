@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from xml.etree.ElementTree import Element
 
 from eladapt.errors import Finding
-from eladapt.robot.urdf_numbers import label_of, parse
+from eladapt.urdf.numbers import label_of, parse
 
 MOVING = ("revolute", "continuous", "prismatic")
 SHORTEST_AXIS = 1e-6

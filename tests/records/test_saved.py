@@ -223,7 +223,7 @@ def test_what_is_no_state_is_refused(saved, tmp_path):
 
 def test_a_file_cannot_make_code_run(saved, tmp_path, monkeypatch):
     """A class that is no NamedTuple of an imported module is refused before it is called."""
-    from eladapt.control import saved as module
+    from eladapt.records import state_file as module
 
     controller, _, _ = saved
     for name in (["subprocess", "Popen"], ["builtins", "tuple"], ["antigravity", "X"]):

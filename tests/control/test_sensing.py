@@ -6,9 +6,9 @@ from shared import DT, load
 
 import eladapt as ea
 from eladapt.control.gains import derive_gains
-from eladapt.control.hardware import DELAY_MARGIN, NOISE_GATE, NOISE_SHARE, Hardware
+from eladapt.control.sensing import DELAY_MARGIN, NOISE_GATE, NOISE_SHARE, Hardware
 from eladapt.errors import ArgumentError
-from eladapt.simulation.hardware import Delay, Encoders, NoisyReadings
+from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
 
 def test_without_noise_or_delay_the_horizon_is_the_step():

@@ -9,7 +9,8 @@ from shared import load
 
 import eladapt as ea
 from eladapt import paper
-from eladapt.control.lyapunov import (
+from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.theory.lyapunov import (
     NAMES,
     LyapunovFunctions,
     decay,
@@ -19,7 +20,6 @@ from eladapt.control.lyapunov import (
     v_0,
     v_1,
 )
-from eladapt.errors import ArgumentError, UnknownNameError
 
 OPEN = {"pole": 10.0, "linear_damping": 0.5, "d": 0.5}
 FINE = 4e-4  # [s]

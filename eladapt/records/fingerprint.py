@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.control.gains import Gains
+from eladapt.regressors.base import ParameterBasis
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.robot.parameters import ParameterBasis
-from eladapt.robot.regressors import Regressors
 
 DIGITS = 9
 WRITTEN_OUT = 16  # longer arrays are hashed

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eladapt.errors import require_gain, require_number
-from eladapt.robot.regressors import Regressors
+from eladapt.regressors.regressors import Regressors
 
 # The stiff PD loses its last degree of phase at a delay of 0.71 H: atan(1.27) = 0.71 * 1.27.
 DELAY_MARGIN = 0.71

@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg
 
-from eladapt.control.bounds import (
+from eladapt.control.finite_time import FiniteTimePD
+from eladapt.errors import UnknownNameError, require_number
+from eladapt.estimation.adaptation import CompositeLaw
+from eladapt.regressors.regressors import Regressors
+from eladapt.robot.model import Robot
+from eladapt.theory.bounds import (
     ModelBounds,
     Run,
     Search,
@@ -24,8 +29,7 @@ from eladapt.control.bounds import (
     smallest_gate,
     window_excitation,
 )  # fmt: skip
-from eladapt.control.finite_time import FiniteTimePD
-from eladapt.control.lyapunov import (
+from eladapt.theory.lyapunov import (
     LyapunovFunctions,
     coupling,
     d2_limit,
@@ -35,10 +39,6 @@ from eladapt.control.lyapunov import (
     require_composite,
     v_0,
 )  # fmt: skip
-from eladapt.errors import UnknownNameError, require_number
-from eladapt.estimation.adaptation import CompositeLaw
-from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 
 SIZES = np.logspace(-6, 3, 28)  # of e1 [rad] and e2 [rad/s] in the sampled conditions
 # Of e1, e2 and theta_error in the sampling of c_3, down to where V_FT is homogeneous: on the panda

@@ -14,7 +14,7 @@ from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
 from eladapt.errors import Finding
-from eladapt.robot.urdf_numbers import parts
+from eladapt.urdf.numbers import parts
 
 NAMING = ("mesh", "texture")
 PACKAGES = ("package", "model")  # schemes that name a folder below one of the package_dirs

@@ -8,8 +8,8 @@ from shared import load
 
 import eladapt as ea
 from eladapt.control.baselines import KnownGravityPD
-from eladapt.control.guards import DivergenceGuard
 from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.safety.guards import DivergenceGuard
 
 DT = 1e-3
 

@@ -21,9 +21,9 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from eladapt.errors import Finding, UrdfError
-from eladapt.robot.urdf_files import file_findings
-from eladapt.robot.urdf_numbers import number_findings, parts
-from eladapt.robot.urdf_tree import MOVING, joints, listed, mimics, names, tree
+from eladapt.urdf.assets import file_findings
+from eladapt.urdf.numbers import number_findings, parts
+from eladapt.urdf.tree import MOVING, joints, listed, mimics, names, tree
 
 # Published robots reach 0.2 MB, depth 7 and 129 joints. Pinocchio's reader recurses along a chain and kills
 # the process at the end of the stack: measured between 200 and 250 joints on 512 KiB (a thread's, on some

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from eladapt.errors import ArgumentError, RankWarning
-from eladapt.robot.standard import StandardRegressors
+from eladapt.regressors.standard import StandardRegressors
 
 SAMPLES = 120  # states; Panda's ranks and gaps are the same from 20 on
 CLEAR_GAP = 100.0

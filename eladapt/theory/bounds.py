@@ -15,8 +15,8 @@ from scipy.optimize import minimize
 
 from eladapt.errors import ArgumentError, require_number
 from eladapt.estimation.excitation import IntervalExcitation
+from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.robot.regressors import Regressors
 from eladapt.signals import Regression
 
 STARTS = 3  # best samples from which each extreme is refined

@@ -1,0 +1,1 @@
+"""What happened, and what a controller remembers, on disk."""

@@ -1,0 +1,1 @@
+"""The regressors of adaptive control, in base parameters."""

@@ -1,0 +1,1 @@
+"""What is proven of the controllers: bounds, certificates, Lyapunov functions."""
