@@ -1,10 +1,10 @@
 """Three ways to evaluate the control law in sampled time, on arms at rest at their set-point.
 
-One move from home to the target of each robot, from theta_U = 0, with the gains of
-`CompositeController.for_robot(robot, dt)`; only the evaluation of the law differs. Ripple, standard deviation
-and steady error are the largest of any joint over the last second. Friction that is mistaken for gravity
-makes single moves a matter of luck: at 1 kHz it is also measured between random postures. Writes
-results/discretisation.md and docs/discretisation.png.
+One move from home to the target of each robot, from theta = 0, with the gains of
+`CompositeController.for_robot(robot, dt)`; only the evaluation of the law differs, and whether a disturbance
+estimate is fed forward. Ripple, standard deviation and steady error are the largest of any joint over the
+last second. Where a joint sticks is a matter of luck in a single move: friction at 1 kHz is also measured
+between random postures. Writes results/discretisation.md and docs/discretisation.png.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from any_arm import reachable
-from table import COMPILED, write
+from table import write
 
 import eladapt as ea
 from eladapt.files import atomic_write
@@ -46,7 +46,6 @@ WAYS = {
     "semi-implicit, told the noise": "C2",
 }
 EXPLICIT, _, BLIND, DEFAULT, TOLD = WAYS
-COLUMNS = "friction columns, fed forward"
 
 
 class Job(NamedTuple):
@@ -56,7 +55,6 @@ class Job(NamedTuple):
     rate: int  # [Hz]
     case: str
     way: str
-    columns: bool = False  # whether friction is estimated and fed forward
     seed: int | None = None  # of random postures instead of home and target
 
 
@@ -72,9 +70,7 @@ class Outcome(NamedTuple):
 def controller(job: Job) -> ea.CompositeController:
     robot = ea.Robot.load(job.robot)
     told: dict[str, Any] = NOISE if job.way == TOLD else {}
-    derived = ea.CompositeController.for_robot(
-        robot, 1 / job.rate, friction=job.columns, compiled=COMPILED, **told
-    )
+    derived = ea.CompositeController.for_robot(robot, 1 / job.rate, **told)
     if job.way in (DEFAULT, TOLD):
         return derived
     evaluation: Any = "semi_implicit" if job.way == BLIND else job.way.replace("-", "_")
@@ -117,8 +113,9 @@ def measure(jobs: list[Job], duration: float, workers: int) -> dict[Job, Outcome
             some = [job for job in jobs if job.rate == rate]
             controllers, plants, goals = map(controller, some), map(plant, some), map(goal, some)
             records = ea.simulate_many(
-                controllers, plants, goals, duration, 1 / rate, executor=pool, title=f"{rate} Hz"
-            )
+                controllers, plants, goals, duration, 1 / rate, executor=pool, theta0="zero",
+                title=f"{rate} Hz",
+            )  # fmt: skip
             found |= {job: outcome(record) for job, record in zip(some, records, strict=True)}
     return found
 
@@ -126,28 +123,18 @@ def measure(jobs: list[Job], duration: float, workers: int) -> dict[Job, Outcome
 def planned(rates: list[int], extra_robots: list[str]) -> list[Job]:
     swept = [Job("panda", rate, case, way) for rate in rates for case in CASES for way in WAYS]
     others = [Job(name, 1000, case, way) for name in extra_robots for case in CASES for way in WAYS]
-    columns = [Job("panda", 1000, STICKING, way, True) for way in (EXPLICIT, DEFAULT)]
-    columns += [
-        Job("panda", 1000, STICKING, way, columns, seed)
-        for way, columns in (
-            (EXPLICIT, False),
-            (BLIND, False),
-            (DEFAULT, False),
-            (EXPLICIT, True),
-            (DEFAULT, True),
-        )
-        for seed in range(MOVES)
+    moves = [
+        Job("panda", 1000, STICKING, way, seed) for way in (EXPLICIT, BLIND, DEFAULT) for seed in range(MOVES)
     ]
     paper = [Job("two_link", 2000, IDEAL, way) for way in WAYS]
-    return [job for job in swept + others + columns + paper if job.way != TOLD or job.case == NOISY]
+    return [job for job in swept + others + moves + paper if job.way != TOLD or job.case == NOISY]
 
 
 def shown(found: dict[Job, Outcome]) -> str:
     """The points that the default must show, with their figures."""
 
-    def pair(case: str, columns: bool = False) -> tuple[Outcome, Outcome]:
-        jobs = [Job("panda", 1000, case, way, columns) for way in (EXPLICIT, DEFAULT)]
-        return found[jobs[0]], found[jobs[1]]
+    def pair(case: str) -> tuple[Outcome, Outcome]:
+        return found[Job("panda", 1000, case, EXPLICIT)], found[Job("panda", 1000, case, DEFAULT)]
 
     lines = ["Panda at 1 kHz, default against explicit; asked in brackets:", ""]
     for case in (IDEAL, LOADED):
@@ -156,25 +143,19 @@ def shown(found: dict[Job, Outcome]) -> str:
             f"- {case}: ripple ratio {ours.ripple / explicit.ripple:.1e} (1e-2), "
             f"steady error {ours.steady:.1e} rad ({explicit.steady:.1e})"
         )
-    for columns in (False, True):
-        explicit, ours = pair(STICKING, columns)
+    explicit, ours = pair(STICKING)
+    lines.append(
+        f"- {STICKING}: steady error {ours.steady:.1e} rad, ratio {ours.steady / explicit.steady:.2f} (1.2); "
+        f"torque ripple {ours.ripple:.1e} N m against {explicit.ripple:.1e} N m"
+    )
+    theirs = np.array([found[Job("panda", 1000, STICKING, EXPLICIT, k)].steady for k in range(MOVES)])
+    for way in (BLIND, DEFAULT):
+        errors = [found[Job("panda", 1000, STICKING, way, k)].steady for k in range(MOVES)]
+        ratios = ", ".join(f"{ratio:.2f}" for ratio in np.sort(errors / theirs))
         lines.append(
-            f"- {STICKING}, {'with ' + COLUMNS if columns else 'no friction columns'}: steady error "
-            f"{ours.steady:.1e} rad, ratio {ours.steady / explicit.steady:.2f} (1.2); torque ripple "
-            f"{ours.ripple:.1e} N m against {explicit.ripple:.1e} N m"
+            f"- the same between {MOVES} pairs of random postures, {way}: ratios {ratios}; "
+            f"median error {np.median(errors):.1e} rad, explicit {np.median(theirs):.1e} rad"
         )
-    for columns, ways in ((False, (BLIND, DEFAULT)), (True, (DEFAULT,))):
-        theirs = np.array(
-            [found[Job("panda", 1000, STICKING, EXPLICIT, columns, k)].steady for k in range(MOVES)]
-        )
-        for way in ways:
-            errors = [found[Job("panda", 1000, STICKING, way, columns, k)].steady for k in range(MOVES)]
-            name = f"{way}, {COLUMNS}" if columns else way
-            ratios = ", ".join(f"{ratio:.2f}" for ratio in np.sort(errors / theirs))
-            lines.append(
-                f"- the same between {MOVES} pairs of random postures, {name}: ratios {ratios}; "
-                f"median error {np.median(errors):.1e} rad, explicit {np.median(theirs):.1e} rad"
-            )
     explicit, ours = pair(NOISY)
     told = found[Job("panda", 1000, NOISY, TOLD)]
     lines.append(
@@ -233,10 +214,9 @@ def main() -> None:
     for job, got in found.items():
         if job.seed is not None:
             continue
-        way = f"{job.way}; {COLUMNS}" if job.columns else job.way
         rows.append(
             [
-                job.robot, job.rate, job.case, way, f"{got.ripple:.1e}", f"{got.deviation:.1e}",
+                job.robot, job.rate, job.case, job.way, f"{got.ripple:.1e}", f"{got.deviation:.1e}",
                 f"{got.steady:.1e}", f"{got.settled:.2f}",
             ]
         )  # fmt: skip

@@ -1,8 +1,8 @@
 """Faults of sensors, buses, motors and process in closed loop on the panda: does it recover, or stop safely?
 
 `GatedController.for_robot(CompositeController.for_robot(panda))`, every gain and limit derived, at 1 kHz from
-home to the target of the library, gravity unknown at first. After a safe stop the controller is reset, as a
-person would.
+home to the target of the library, from theta = 0. After a safe stop the controller is reset, as a person
+would.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from tqdm import tqdm
 import eladapt as ea
 from eladapt.errors import SimulationError
 from eladapt.records.state_file import StateWriter
+from eladapt.robot.protocols import Plant
 from eladapt.simulation.faults import BlockedJoints, FrozenSensor, Jitter, LostNumbers, Packets, WeakMotors
 from eladapt.simulation.instruments import Delay
-from eladapt.simulation.run import Plant
 
 DT, ARRIVED = 1e-3, 2e-3
 MOVING, RESTING = 0.3, 2.0  # [s] when faults begin: in the middle of the move, and at rest
@@ -95,7 +95,7 @@ def run(case: Case) -> Outcome:
     goal = ROBOT.configuration(ROBOT.target)
     steps = round(case.duration / DT) + 1
     try:
-        record = ea.simulate(controller, plant, goal, case.duration, DT, progress=False)
+        record = ea.simulate(controller, plant, goal, case.duration, DT, theta0="zero", progress=False)
     except SimulationError as reason:
         return Outcome(False, "-", np.inf, np.inf, f"diverged: {reason}", "-")
     outcome = judged(record, case.begins, f"{len(record)} of {steps}")
@@ -153,7 +153,7 @@ def control(pipe: Connection, path: Path, resume: bool) -> None:
         measurement = pipe.recv()
         if measurement is None:
             return
-        state = controller.init(measurement) if state is None else state
+        state = controller.init(measurement, "zero") if state is None else state
         state, tau = controller.step(state, measurement, goal, DT)
         if k % SAVED == 0:
             writer.write(path, state)

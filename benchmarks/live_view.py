@@ -80,10 +80,10 @@ def watching(watch: Any, url: str) -> Iterator[None]:
         watcher.join()
 
 
-def loop(live: ea.LiveView, seconds: float, compiled: bool) -> Steps:
+def loop(live: ea.LiveView, seconds: float) -> Steps:
     """The loop; the first move is not counted."""
     robot = live.robot
-    controller = ea.CompositeController.for_robot(robot, compiled=compiled)
+    controller = ea.CompositeController.for_robot(robot, DT)
     goals = [robot.configuration(x) for x in (robot.target, robot.home)]
     plant = ea.PinocchioPlant(robot, goals[1])
     measurement = plant.reset()
@@ -117,7 +117,6 @@ def loop(live: ea.LiveView, seconds: float, compiled: bool) -> Steps:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seconds", type=float, default=66.0, help="of each loop (default: 66)")
-    parser.add_argument("--compiled", action="store_true", help="the controller with numba (extra fast)")
     parser.add_argument("--no-chromium", action="store_true", help="leave out the browser")
     options = parser.parse_args()
     watchers = {"the stream is taken": take_stream}
@@ -130,7 +129,7 @@ def main() -> None:
             watching(watch, live.url),
             undisturbed(priority),
         ):
-            steps = loop(live, options.seconds, options.compiled)
+            steps = loop(live, options.seconds)
         row = [name, priority or "none"]
         for percent in (50, 99):
             off, on = (1e3 * np.percentile(times, percent) for times in (steps.off, steps.on))
@@ -140,10 +139,9 @@ def main() -> None:
         "who looks", "real-time priority", "median off [ms]", "on", "ratio", "99 % off [ms]", "on", "ratio",
         "frames/s sent", "steps late",
     ]  # fmt: skip
-    path = "compiled" if options.compiled else "numpy"
     notes = (
         "The Panda's controller at 1 kHz, `CompositeController.step` with `LiveView.show` (on) and without "
-        f"(off), in alternating blocks of one loop; {path} path. A ratio above 1.10 is marked **no**. Steps "
+        f"(off), in alternating blocks of one loop. A ratio above {ALLOWED:.2f} is marked **no**. Steps "
         "late: longer than 1 ms together with the simulation of the arm, on and off alike. The priority is "
         "that of `run_loop(priority=)`."
     )

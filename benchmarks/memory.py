@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import psutil
-from table import COMPILED, write
+from table import write
 from tqdm import tqdm
 
 import eladapt as ea
@@ -36,7 +36,7 @@ class Sample(NamedTuple):
 
 def loop(robot: ea.Robot, steps: int, every: int) -> Iterator[int]:
     """Step the closed loop, and yield the number of steps done after every interval."""
-    controller = ea.CompositeController.for_robot(robot, DT, velocity_noise=1e-3, compiled=COMPILED)
+    controller = ea.CompositeController.for_robot(robot, DT, velocity_noise=1e-3)
     noise = ea.Noise(1e-5, 1e-3)
     start = robot.configuration(robot.home)
     plants = [ea.PinocchioPlant(robot, start, noise=noise, payload=load) for load in (None, 1.0)]

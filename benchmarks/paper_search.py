@@ -53,7 +53,7 @@ def outcome(job: tuple[str, Point]) -> Outcome:
         record = ea.paper.run(name, pole=pole, linear_damping=linear_damping, d=d, arm=robot, progress=False)
     except SimulationError:
         return Outcome(np.inf, np.inf, (np.inf, np.inf), np.nan)
-    growth = last_second(record.zeta_integral[:, 0]) if record.zeta_integral.size else np.nan
+    growth = last_second(record.zeta_integral[:, 0]) if record.zeta_integral is not None else np.nan
     chatter = (amplitude(record, 0), amplitude(record, 1))
     return Outcome(record.settling_time(), parameter_settling(record), chatter, growth)
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 from collections.abc import Sequence
 from pathlib import Path
 
 from eladapt.files import atomic_write
-from eladapt.records.record import versions
+from eladapt.records.description import versions
 
-# With the extra "fast" the controllers are compiled: the same figures, to rounding, several times sooner.
-COMPILED = importlib.util.find_spec("numba") is not None
 RESULTS = Path(__file__).parent / "results"
 
 

@@ -1,7 +1,7 @@
 """The loop at 1 kHz against a robot in another process: overruns, times of a step, and where the arm ends up.
 
 MuJoCo simulates the arm in real time behind UDP on loopback. The set-point changes between the target of the
-library and home every ten seconds, gravity is unknown at first. Nothing else should run on the machine.
+library and home every ten seconds. Nothing else should run on the machine.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ def arm(name: str, pipe: Connection, priority: int | None) -> None:
     pipe.send(serve(plant, DT, ready=pipe.send, priority=priority))
 
 
-def run(name: str, duration: float, priority: int | None, compiled: bool) -> tuple[ea.LoopResult, Served]:
+def run(name: str, duration: float, priority: int | None) -> tuple[ea.LoopResult, Served]:
     robot = ea.Robot.load(name)
-    inner = ea.CompositeController.for_robot(robot, DT, delay=2 * DT, compiled=compiled)
+    inner = ea.CompositeController.for_robot(robot, DT, delay=2 * DT)
     controller = ea.GatedController.for_robot(inner, DT)
     places = robot.configuration(robot.target), robot.configuration(robot.home)
     here, there = multiprocessing.Pipe()
@@ -57,12 +57,11 @@ def main() -> None:
     parser.add_argument("--robots", nargs="+", default=["two_link", "panda"])
     parser.add_argument("--duration", type=float, default=60.0, help="[s] of each (default: 60)")
     parser.add_argument("--priority", type=int, help="real-time priority of both processes, 1 to 99")
-    parser.add_argument("--compiled", action="store_true", help='with numba (extra "fast")')
     parser.add_argument("--dry", action="store_true", help="print, but leave the table of results as it is")
     options = parser.parse_args()
     rows: list[list[object]] = []
     for name in options.robots:
-        result, served = run(name, options.duration, options.priority, options.compiled)
+        result, served = run(name, options.duration, options.priority)
         timing = result.timing
         print(f"{name}: {timing}; {served}; {result.ended}, fault: {result.fault}", flush=True)
         work, late = (", ".join(f"{1e6 * x:.0f}" for x in times) for times in (timing.work, timing.late))
@@ -80,11 +79,11 @@ def main() -> None:
     ]  # fmt: skip
     priority = "no" if options.priority is None else f"{options.priority} as"
     notes = (
-        f"{options.duration:g} s at {1 / DT:g} Hz, the controller, told of 2 ms of delay, behind its gate"
-        f"{', compiled' * options.compiled}, {priority} real-time priority. Times: 50 %, 99 %, "
-        "99.9 %, largest. An overrun is a tick whose command was not out when the next one was due "
-        f"(asked: under 1 %). Error at rest: in the last second of each leg of {LEG:g} s (asked: 2e-3 rad). "
-        "Periods without a torque: by the robot, which then holds the one before."
+        f"{options.duration:g} s at {1 / DT:g} Hz, the controller, told of 2 ms of delay, behind its gate, "
+        f"{priority} real-time priority. Times: 50 %, 99 %, 99.9 %, largest. An overrun is a tick whose "
+        "command was not out when the next one was due (asked: under 1 %). Error at rest: in the last second "
+        f"of each leg of {LEG:g} s (asked: 2e-3 rad). Periods without a torque: by the robot, which then "
+        "holds the one before."
     )
     write("udp_loop", "1 kHz over UDP against a robot in another process", head, rows, notes)
 

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Any
 from eladapt import paper
 from eladapt.control.composite import CompositeController, ControllerState
 from eladapt.control.finite_time import FiniteTimePD
+from eladapt.control.reports import carried, friction, payload
 from eladapt.control.slotine_li import SlotineLi
 from eladapt.control.terminal_sliding import TerminalSliding
 from eladapt.errors import EladaptError
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.excitation import IntervalExcitation
-from eladapt.estimation.extensions import Information, Kreisselmeier, LeastSquares
+from eladapt.estimation.extensions import Information, Kreisselmeier, LeastSquares, SubspaceLeastSquares
 from eladapt.estimation.friction import FrictionEstimate
-from eladapt.estimation.mixing import Determinant, Directional, SmallestEigenvalue
+from eladapt.estimation.mixing import Determinant, SmallestEigenvalue, Unmixed
 from eladapt.estimation.noise import MeasuredNoise, measure_noise
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
@@ -28,7 +29,7 @@ from eladapt.robot.library import names as robots
 from eladapt.robot.model import Robot
 from eladapt.safety.gate import FAULTS, Fault, TorqueGate
 from eladapt.safety.gated import GatedController, GatedState
-from eladapt.signals import Measurement, MixedRegression, Regression
+from eladapt.signals import Measurement, MixedRegression, Reference, Regression
 from eladapt.simulation.disturbances import Friction, Noise, Payload
 from eladapt.simulation.many import simulate_many
 from eladapt.simulation.plants import PinocchioPlant
@@ -38,11 +39,11 @@ from eladapt.theory.certificates import certify, settling_bounds
 from eladapt.theory.lyapunov import LyapunovFunctions
 
 if TYPE_CHECKING:
-    from eladapt.display.live import LiveView
     from eladapt.display.plots import plot
     from eladapt.display.report import report
-    from eladapt.display.viewer import view
     from eladapt.simulation.mujoco_plant import MujocoPlant
+    from eladapt.viewing.live import LiveView
+    from eladapt.viewing.viewer import view
 
 __all__ = [
     "FAULTS",
@@ -50,7 +51,6 @@ __all__ = [
     "CompositeLaw",
     "ControllerState",
     "Determinant",
-    "Directional",
     "EladaptError",
     "Fault",
     "FiniteTimePD",
@@ -77,22 +77,28 @@ __all__ = [
     "PinocchioPlant",
     "PowerBalance",
     "Record",
+    "Reference",
     "Regression",
     "Regressors",
     "Robot",
     "RobotInterface",
     "SlotineLi",
     "SmallestEigenvalue",
+    "SubspaceLeastSquares",
     "TerminalSliding",
     "Timing",
     "TorqueGate",
     "UdpRobot",
+    "Unmixed",
+    "carried",
     "certify",
     "estimate_payload",
+    "friction",
     "load_state",
     "measure_noise",
     "model_bounds",
     "paper",
+    "payload",
     "plot",
     "report",
     "robots",
@@ -107,11 +113,11 @@ __all__ = [
 
 # Imported when they are asked for: matplotlib and MeshCat are slow to import, Bokeh and MuJoCo optional.
 _LATER = {
-    "LiveView": "eladapt.display.live",
+    "LiveView": "eladapt.viewing.live",
     "MujocoPlant": "eladapt.simulation.mujoco_plant",
     "plot": "eladapt.display.plots",
     "report": "eladapt.display.report",
-    "view": "eladapt.display.viewer",
+    "view": "eladapt.viewing.viewer",
 }
 
 

@@ -20,6 +20,17 @@ class Measurement(NamedTuple):
     tau: np.ndarray  # (nv,) [N m or N]
 
 
+class Reference(NamedTuple):
+    """Where the robot should be, and how it should move there: a goal that moves.
+
+    A goal that stands still is q_d (nq,) alone, wherever a goal is taken.
+    """
+
+    q: np.ndarray  # (nq,)
+    v: np.ndarray  # (nv,) [rad/s or m/s]
+    a: np.ndarray  # (nv,) [rad/s^2 or m/s^2]
+
+
 class Regression(NamedTuple):
     """Filtered linear regression ``y = omega @ theta`` (NLRPE), (LREq)."""
 
@@ -28,12 +39,10 @@ class Regression(NamedTuple):
 
 
 class MixedRegression(NamedTuple):
-    """Scalar regressions ``Y = delta * (basis.T @ theta_S)`` (LSREq), (465).
+    """``Y = gain @ theta_S`` with a matrix gain, ``Y = gain * theta_S`` with a number (LSREq), (465).
 
-    theta_S is theta_U with scope "potential" (k = n_potential), the whole theta with scope "all"
-    (k = l). ``delta`` is one number, or one number per direction.
+    theta_S is theta_U with scope "potential" (k = n_potential), the whole theta with scope "all" (k = l).
     """
 
     Y: np.ndarray  # (k,)
-    delta: float | np.ndarray  # scalar or (k,)
-    basis: np.ndarray  # (k, k) orthogonal; the identity when delta is one number
+    gain: float | np.ndarray  # Delta, or a symmetric matrix (k, k) with eigenvalues in [0, 1]

@@ -6,7 +6,6 @@ measures, and gravity it learns. Writes plot and record under out/, and the cont
 """
 
 import argparse
-import importlib.util
 import multiprocessing
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -36,9 +35,7 @@ def main() -> None:
 
     robot = ea.Robot.load(options.robot)
     # A torque acts one to two periods after the measurement that it answers: gains should know.
-    # In plain Python a step of the Panda's is too slow for 1 kHz behind the gate; numba: extra "fast".
-    fast = importlib.util.find_spec("numba") is not None
-    inner = ea.CompositeController.for_robot(robot, DT, delay=2 * DT, compiled=fast)
+    inner = ea.CompositeController.for_robot(robot, DT, delay=2 * DT)
     controller = ea.GatedController.for_robot(inner, DT)
     saved = options.out / f"hardware_loop_{robot.name}_state.npz"
     state = ea.load_state(saved, controller) if options.resume else None

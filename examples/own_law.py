@@ -22,6 +22,7 @@ class SaturatedPD:
     D: np.ndarray  # (nv,) [N m]
     reach: float = 0.2  # [rad] the position error at which P begins to saturate
     speed: float = 1.0  # [rad/s]
+    b: float = 0.5  # exponent of the adaptation law that goes with it
 
     @classmethod
     def for_robot(cls, robot: ea.Robot) -> "SaturatedPD":
@@ -44,8 +45,7 @@ def main() -> None:
     robot = ea.Robot.load("ur5")
     finite_time = ea.CompositeController.for_robot(robot)
     law = SaturatedPD.for_robot(robot)
-    # The disturbance estimate belongs to the semi-implicit prediction of the law that is replaced.
-    own = dataclasses.replace(finite_time, control=law, gains=None, disturbance=None)
+    own = dataclasses.replace(finite_time, control=law, gains=None)
 
     records = []
     for title, controller in {"finite-time PD": finite_time, "saturated PD": own}.items():

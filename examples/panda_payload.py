@@ -12,7 +12,7 @@ import numpy as np
 
 import eladapt as ea
 from eladapt.control.baselines import KnownGravityPD
-from eladapt.simulation.run import Controller
+from eladapt.robot.protocols import BareController
 
 ATTACHED = 3.0  # [s]
 
@@ -30,7 +30,7 @@ def main() -> None:
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), payload=load)
 
     adaptive = ea.CompositeController.for_robot(robot)
-    others: dict[str, Controller] = {
+    others: dict[str, BareController] = {
         "PD with the URDF's gravity": KnownGravityPD(robot, adaptive.control),
         "Slotine-Li": ea.SlotineLi.for_robot(robot),
     }
@@ -49,8 +49,8 @@ def main() -> None:
         sag, left = size[late].max(), size[-1]
         print(f"  {name:27} sags {sag:.3f} rad, {back}, {left:.0e} rad left at {run.t[-1]:g} s")
 
-    # The estimate of the load, from the controller's last state; see CompositeController.payload.
-    print(f"\n{adaptive.payload(record.final_state)}\n")
+    # The estimate of the load, from the controller's last state; see ea.payload.
+    print(f"\n{ea.payload(adaptive, record.final_state)}\n")
 
     ea.plot([runs["composite"], runs["PD with the URDF's gravity"]], options.out / "panda_payload.png")
     ea.view(record, html=options.out / "panda_payload.html")

@@ -47,7 +47,9 @@ def main() -> None:
         y, omega = regressions(record, controller.regressors)
         fitted = np.linalg.lstsq(omega, y)[0]
         off = [np.abs(controller.regressors.gravity(q) @ record.theta_error[-1]).max() for q in (goal, home)]
-        restarts = np.sum(record.delta[1:, 0] < 0.5 * record.delta[:-1, 0])  # information starts afresh
+        assert record.excitation is not None
+        known = record.excitation[:, 1]  # of the direction best known, 30 times a second
+        restarts = np.sum(known[1:] < 0.5 * known[:-1])  # information starts afresh
         column = {
             "parameters": f"{len(controller.regressors)}",
             "unexplained, own": f"{np.abs(y - omega @ controller.regressors.theta).max():.1e} N m",

@@ -28,7 +28,7 @@ def main() -> None:
         plant = ea.PinocchioPlant(controller.robot, ea.paper.START)
         title = f"{name}, library at 1 kHz"
         goal = np.array(ea.paper.GOAL)
-        runs.append((title, ea.simulate(controller, plant, goal, duration=5.0, title=title)))
+        runs.append((title, ea.simulate(controller, plant, goal, duration=5.0, theta0="zero", title=title)))
 
     print(f"\nPaper, Case 1: {CLAIMS}")
     print(f"{'':24} {'settled [s]':>12} {'theta_U [s]':>12} {'chatter [N m]':>14} {'steady error [rad]':>19}")

@@ -18,9 +18,9 @@ def loaded(n: int = 2001) -> ea.Record:
                          "attach": 0.0, "release": np.inf}}  # fmt: skip
     return ea.Record(
         t=t, q=np.tile(q, (n, 1)), v=zeros, tau=zeros, goal=np.tile(q, (n, 1)), error=zeros,
-        theta=np.zeros((n, 0)), delta=np.zeros((n, 0)), zeta=np.zeros((n, 0)),
-        zeta_integral=np.zeros((n, 0)), effort_limit=robot.effort_limit, dt=1e-3,
-        joint_names=robot.joint_names, theta_labels=(), theta_true=None, robot_source=robot.source,
+        parameters=np.zeros((n, 0)), n_potential=0, effort_limit=robot.effort_limit,
+        velocity_limit=robot.velocity_limit, dt=1e-3, joint_names=robot.joint_names, parameter_labels=(),
+        robot_source=robot.source,
         title="a load", configuration={"plant": plant},
         carried=np.column_stack([times, mass, np.zeros((len(times), 4))]),
     )  # fmt: skip

@@ -23,8 +23,8 @@ def load(name: str) -> ea.Robot:
 
 
 @functools.cache
-def regressors(name: str, sharing: str = "shared", friction: bool = False) -> ea.Regressors:
-    return ea.Regressors(load(name), sharing=sharing, friction=friction)
+def regressors(name: str, sharing: str = "shared", joint_terms: tuple[str, ...] = ()) -> ea.Regressors:
+    return ea.Regressors(load(name), sharing=sharing, joint_terms=joint_terms)
 
 
 def link(name, inertia=0.01):
@@ -72,4 +72,4 @@ def closed_loop(name: str, v0: float, friction: bool = False) -> Trajectory:
         state, tau = controller.step(state, measurement, goal, DT)
         measurement = plant.step(tau, DT)
         measurements.append(measurement)
-    return Trajectory(regressors(name, "shared", friction), measurements)
+    return Trajectory(regressors(name, "shared", ("viscous", "coulomb") if friction else ()), measurements)

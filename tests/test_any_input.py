@@ -1,6 +1,6 @@
 """Whatever a driver hands over, a step raises a typed error or gives a finite torque within the limits.
 
-A few hundred cases of each test here, 100,000 in all with ``make nightly``; half of them compiled.
+A few hundred cases of each test here, 100,000 in all with ``make nightly``.
 """
 
 import functools
@@ -14,6 +14,7 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, EladaptError
+from eladapt.regressors.joint_terms import JOINT_TERMS
 
 DT = 1e-3
 ROBOTS = ("two_link", "kinova")  # with nq = nv, and with continuous joints
@@ -100,10 +101,10 @@ def inputs(draw, robot):
 
 
 @functools.cache
-def begun(name, gated, friction, compiled):
+def begun(name, gated, friction):
     """A controller 30 steps into a move, its state, and the measurement there."""
     robot = load(name)
-    controller = ea.CompositeController.for_robot(robot, DT, friction=friction, compiled=compiled)
+    controller = ea.CompositeController.for_robot(robot, DT, joint_terms=JOINT_TERMS if friction else ())
     controller = ea.GatedController.for_robot(controller, DT) if gated else controller
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
     measurement = plant.reset()
@@ -134,9 +135,9 @@ def test_the_bare_controller_raises_or_gives_a_finite_torque(name, friction):
     """Up to three steps of anything, refused or taken; the state stays finite; a good step still works."""
     robot = load(name)
 
-    @given(st.booleans(), st.lists(inputs(robot), min_size=1, max_size=3))
-    def check(compiled, sequence):
-        controller, state, measurement = begun(name, False, friction, compiled)
+    @given(st.lists(inputs(robot), min_size=1, max_size=3))
+    def check(sequence):
+        controller, state, measurement = begun(name, False, friction)
         limit, taken = controller.effort_limit, 0
         for after, q, v, tau, goal, dt in sequence:
             try:
@@ -164,9 +165,9 @@ def test_behind_the_gate_nothing_is_raised_but_for_dt(name, friction):
     """Up to three steps of anything: a finite torque within its limits and rate each time, a finite state."""
     robot = load(name)
 
-    @given(st.booleans(), st.lists(inputs(robot), min_size=1, max_size=3))
-    def check(compiled, sequence):
-        controller, state, measurement = begun(name, True, friction, compiled)
+    @given(st.lists(inputs(robot), min_size=1, max_size=3))
+    def check(sequence):
+        controller, state, measurement = begun(name, True, friction)
         gate, t = controller.gate, measurement.t
         for after, q, v, tau, goal, dt in [
             *sequence,

@@ -98,7 +98,7 @@ def _parser() -> _Parser:
     )
 
     run = command(
-        "run", running.run, "move an arm in simulation, from no knowledge of gravity, and keep what happened",
+        "run", running.run, "move an arm in simulation, and keep what happened",
         "eladapt run panda --goal 0.7 -0.1 0.4 -1.7 0.5 2.1 1.4 --payload 2 --plant mujoco --view",
     )  # fmt: skip
     _robot(run)
@@ -114,9 +114,9 @@ def _parser() -> _Parser:
     run.add_argument(
         "--attach", type=float, default=0.0, metavar="S", help="when the load is attached (default: 0)"
     )
+    run.add_argument("--theta0", choices=("urdf", "zero"), default="urdf",
+                     help="what the controller knows of the arm at the start (default: urdf)")  # fmt: skip
     run.add_argument("--plant", choices=("pinocchio", "mujoco"), default="pinocchio", help="the simulator")
-    run.add_argument("--friction", choices=("none", "viscous", "coulomb", "both"), default="none",
-                     help="what the controller estimates beside gravity (default: none)")  # fmt: skip
     run.add_argument("--noise", type=float, default=0.0, metavar="SD",
                      help="of measured positions [rad] and velocities [rad/s] (default: 0)")  # fmt: skip
     run.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")

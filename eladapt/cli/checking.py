@@ -75,12 +75,12 @@ def _limits(robot: Robot) -> None:
     print("rad, rad/s, N m (m, m/s, N of sliding joints); inf: the URDF sets none")
     if robot.damping.any() or robot.friction.any():
         print(
-            "the URDF has joint damping or friction: --plant mujoco applies it, --friction both estimates it"
+            "the URDF has joint damping or friction, which the controller starts from; --plant mujoco applies it"
         )
 
 
 def _drawable(robot: Robot) -> None:
-    from eladapt.display.scene import visuals_of
+    from eladapt.viewing.scene import visuals_of
 
     try:
         print(f"visual shapes: {visuals_of(robot).ngeoms}")

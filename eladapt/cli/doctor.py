@@ -109,24 +109,22 @@ def _loopback() -> Iterator[Finding]:
 
 
 def _speed() -> Iterator[Finding]:
-    for compiled in (False, True) if _version("numba") else (False,):
-        middle, late = _step_times(compiled)
-        path = ", compiled" if compiled else ""
-        text = f"a step of the Panda's controller{path} takes {middle:.2f} ms, 99 % at most {late:.2f} ms"
-        fast = late < 1e3 * RATE
-        yield Finding("ok" if fast else "note", text + (": 1 kHz" if fast else ": too slow for 1 kHz"))
+    middle, late = _step_times()
+    text = f"a step of the Panda's controller takes {middle:.2f} ms, 99 % at most {late:.2f} ms"
+    fast = late < 1e3 * RATE
+    yield Finding("ok" if fast else "note", text + (": 1 kHz" if fast else ": too slow for 1 kHz"))
     if os.environ.get("OPENBLAS_NUM_THREADS") != "1":
         yield Finding("note", "the matrices are small: OPENBLAS_NUM_THREADS=1 is faster, and steadier")
 
 
-def _step_times(compiled: bool) -> tuple[float, float]:
+def _step_times() -> tuple[float, float]:
     """[ms] the median step and its 99th percentile, in closed loop."""
     from eladapt.control.composite import CompositeController
     from eladapt.robot.model import Robot
     from eladapt.simulation.plants import PinocchioPlant
 
     robot = Robot.load("panda")
-    controller = CompositeController.for_robot(robot, compiled=compiled)
+    controller = CompositeController.for_robot(robot)
     plant = PinocchioPlant(robot, robot.configuration(robot.home))
     goal, measurement = robot.configuration(robot.target), plant.reset()
     state, times = controller.init(measurement), []

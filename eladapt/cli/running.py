@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import functools
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 
 from eladapt.cli.checking import find
 from eladapt.control.composite import CompositeController
+from eladapt.control.reports import carried, friction
 from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_number, require_vector
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
@@ -21,7 +23,6 @@ from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.run import simulate
 from eladapt.theory.certificates import certify
 
-FRICTION: dict[str, Any] = {"none": False, "viscous": "viscous", "coulomb": "coulomb", "both": True}
 NEAR = 0.5  # [rad] from home, where a robot has no goal of its own
 
 
@@ -35,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     if duration < dt:
         raise ArgumentError(f"--duration: expected at least a step of {dt:g} s, got {duration:g} s")
     plant = _plant(robot, start, options)
-    controller = CompositeController.for_robot(robot, dt, friction=FRICTION[options.friction])
+    controller = CompositeController.for_robot(robot, dt)
     title = robot.name + (f", {options.payload:g} kg" if options.payload is not None else "")
 
     options.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before the run
@@ -43,9 +44,11 @@ def run(options: argparse.Namespace) -> None:
     with contextlib.ExitStack() as open_views:
         live: Any = None
         if options.live:
-            from eladapt.display.viewer import view
+            from eladapt.viewing.viewer import view
 
-            live = open_views.enter_context(view(robot, live=True, load=controller.carried))
+            live = open_views.enter_context(
+                view(robot, live=True, load=functools.partial(carried, controller))
+            )
         try:
             record = simulate(
                 controller,
@@ -53,6 +56,7 @@ def run(options: argparse.Namespace) -> None:
                 goal,
                 duration,
                 dt,
+                theta0=options.theta0,
                 title=title,
                 observer=live,
                 progress=sys.stderr.isatty(),
@@ -67,7 +71,7 @@ def run(options: argparse.Namespace) -> None:
     _say(record, controller)
     print(f"wrote {', '.join(map(str, written))}")
     if options.view:
-        from eladapt.display.viewer import view
+        from eladapt.viewing.viewer import view
 
         view(record).wait()
 
@@ -152,8 +156,10 @@ def _say(record: Record, controller: CompositeController) -> None:
     print(f"every joint below 1e-3 rad after {m.settling_time:.2f} s" if np.isfinite(m.settling_time)
           else f"not settled below 1e-3 rad after {record.t[-1]:g} s")  # fmt: skip
     print(f"steady error {m.steady_error:.1e} rad, torque ripple at rest {m.chatter:.1e} N m")
+    if np.isfinite(m.peak_speed):
+        print(f"fastest joint at {m.peak_speed:.0%} of its speed limit")
     if record.carried is not None:
-        load = controller.carried(record.final_state)
+        load = carried(controller, record.final_state)
         print(f"load, as estimated: {load.mass:.4g} kg")
     if controller.regressors.n_friction:
-        print(controller.friction(record.final_state))
+        print(friction(controller, record.final_state))

@@ -12,6 +12,7 @@ from eladapt.control.composite import CompositeController, ControlBlock
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.errors import ArgumentError
 from eladapt.robot.model import Robot
+from eladapt.robot.protocols import Goal, Unrecorded
 from eladapt.signals import Measurement
 
 
@@ -42,23 +43,23 @@ class KnownGravityState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class KnownGravityPD:
+class KnownGravityPD(Unrecorded):
     """tau = control law + g(q), with g from the URDF: what a perfect model gives."""
 
     robot: Robot
     control: ControlBlock
 
-    def init(self, measurement: Measurement, theta0: None = None) -> KnownGravityState:
-        """Nothing to estimate."""
+    def init(self, measurement: Measurement, theta0: object = None) -> KnownGravityState:
+        """Nothing to estimate, wherever it should start."""
         return KnownGravityState(measurement)
 
     def step(
-        self, state: KnownGravityState, measurement: Measurement, goal: np.ndarray, dt: float
+        self, state: KnownGravityState, measurement: Measurement, goal: Goal, dt: float
     ) -> tuple[KnownGravityState, np.ndarray]:
-        """The torque (nv,) to hold for dt [s], within the URDF's effort limits."""
+        """The torque (nv,) to hold for dt [s], within the effort limits; of a goal that moves, to q_d."""
         self.robot.check_measurement(measurement)
         _, q, v, _ = measurement
-        e1 = self.robot.difference(goal, q)
+        e1 = self.robot.difference(self.robot.check_goal(goal).q, q)
         tau = self.control.torque(e1, v, self.robot.mass_matrix(q), dt) + self.robot.gravity(q)
         limit = self.robot.effort_limit
         return KnownGravityState(measurement), np.clip(tau, -limit, limit)

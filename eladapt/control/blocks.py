@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from eladapt.signals import Measurement, MixedRegression, Regression
+from eladapt.signals import Measurement, Regression
 
 
 class RegressionBlock(Protocol):
@@ -29,13 +29,9 @@ class CovarianceBlock(ExtensionBlock, Protocol):
     def covariance(self, information: Any) -> np.ndarray: ...
 
 
-class MixingBlock(Protocol):
-    """What makes scalar regressions of the accumulated ones."""
-
-    def mix(self, information: Any, n_potential: int) -> MixedRegression: ...
-
-
 class ControlBlock(Protocol):
     """What makes the feedback torque: `FiniteTimePD`, or a law of one's own."""
 
+    @property
+    def b(self) -> float: ...  # exponent of the velocity error, that of the adaptation law (471)
     def torque(self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float) -> np.ndarray: ...

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -10,80 +9,73 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from eladapt.control.blocks import ControlBlock, ExtensionBlock, MixingBlock, RegressionBlock
+from eladapt.control.blocks import ControlBlock, ExtensionBlock, RegressionBlock
 from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
-from eladapt.control.gains import Gains, derive_gains, effort, extremes
-from eladapt.control.line import CompiledLine
-from eladapt.control.sensing import QUIET_XI, Hardware
+from eladapt.control.gains import Gains, derive_gains
+from eladapt.control.learned_joints import LearnedJoints
+from eladapt.control.reports import carried
+from eladapt.control.sensing import Hardware
+from eladapt.control.starting import starting_parameters
 from eladapt.control.state import ControllerState
 from eladapt.control.stepping import checked_step, elapsed
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
-from eladapt.estimation.change import ChangeDetector
-from eladapt.estimation.excitation import GateMonitor
-from eladapt.estimation.extensions import LeastSquares
-from eladapt.estimation.friction import FrictionCompensation, FrictionEstimate, estimate_friction
-from eladapt.estimation.mixing import Directional
-from eladapt.estimation.payload import PayloadEstimate, completed, estimate_payload
+from eladapt.estimation.change import ChangeDetector, Snapshot
+from eladapt.estimation.extensions import SubspaceLeastSquares
+from eladapt.estimation.mixing import Mixing, Unmixed, spectrum
 from eladapt.estimation.regressions import ForceBalance
+from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.signals import Measurement, MixedRegression, Regression
+from eladapt.signals import Measurement, MixedRegression, Reference, Regression
 
 
 @dataclass(frozen=True, eq=False)
 class CompositeController:
-    """(278) with (318): finite-time regulation that learns theta_U on the way.
+    """(278) with (318): finite-time regulation and tracking that learns the whole theta on the way.
 
-    control: `FiniteTimePD`, or any law with its ``torque``; an exponent b must agree with law.b (c = b).
-    effort_limit (nv,) [N m]: the torque is clipped to it; the estimator sees the torque that was applied,
-    so clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped.
-    detector: notices a load that comes or goes; filters and information then start afresh, and the
-    estimate goes on from where it was. compensation: feeds friction forward, at the velocity w that the
-    law is about to make, M (w - v) = H tau. disturbance: lets the semi-implicit law's prediction know what
-    holds the arm; not together with compensation, which takes that away, nor with another evaluation.
-    gains: which rule set each gain, where `for_robot` did. nominal_dt [s]: the step that the gains were made
-    for, None if any will do.
+    tau = control law (e1, e2) + W_r(q, v, v_d, a_d) theta, e1 = q - q_d, e2 = v - v_d. At a set-point W_r
+    theta is Psi theta_U and what the joint offsets add: (278) to the letter. What the paper proves, it proves
+    for set-points; that the same law follows a moving reference is measured (benchmarks/results/tracking.md).
+
+    control: `FiniteTimePD`, or any law with its ``torque``, ``b`` and ``horizon``; b must agree with law.b (c
+    = b). joints: what has been learned of rotors and viscous friction, which the law's M(q) has beside the
+    URDF's links.
+    effort_limit (nv,) [N m]: the torque is clipped to it; the estimator sees the torque that was applied, so
+    clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped. detector:
+    notices a load that comes or goes; filters and information then start afresh, and the estimate goes on
+    from where it was. disturbance: feeds forward what the model does not explain. gains: which rule set each
+    gain, where `for_robot` did. nominal_dt [s]: the step that the gains were made for, None if any will do.
     """
 
     regressors: Regressors
     regression: RegressionBlock
     extension: ExtensionBlock
-    mixing: MixingBlock
+    mixing: Mixing
     law: CompositeLaw
     control: ControlBlock
+    joints: LearnedJoints | None = None
     effort_limit: float | np.ndarray = np.inf
     detector: ChangeDetector | None = None
-    gains: Gains | None = None
-    compensation: FrictionCompensation | None = None
-    nominal_dt: float | None = None
     disturbance: DisturbanceEstimate | None = None
+    gains: Gains | None = None
+    nominal_dt: float | None = None
 
     def __post_init__(self) -> None:
         nv, j = self.regressors.robot.nv, self.regressors.n_potential
         for name in ("Gamma", "Upsilon"):
-            require_gain(name, getattr(self.law, name), j)
+            if np.ndim(getattr(self.law, name)):
+                require_gain(name, getattr(self.law, name), j)
         if isinstance(self.control, FiniteTimePD):
-            for name in ("P", "D", "D_L"):
-                require_gain(name, getattr(self.control, name), nv, zero=name == "D_L")
-        exponent = getattr(self.control, "b", self.law.b)
-        if abs(self.law.b - exponent) > 1e-12:
+            self.control.gains(nv)
+        if abs(self.law.b - self.control.b) > 1e-12:
             raise ArgumentError(
-                f"law.b: expected the control law's exponent b = {exponent:g} (c = b, (471)), "
+                f"law.b: expected the control law's exponent b = {self.control.b:g} (c = b, (471)), "
                 f"got {self.law.b:g}"
             )
-        if isinstance(self.mixing, Directional) and not self.law.scalar_rate:
-            raise ArgumentError(
-                "Gamma, Upsilon: Directional mixing needs one common value of Gamma * Upsilon"
-            )
-        if self.disturbance and (
-            self.compensation or getattr(self.control, "evaluation", "") != "semi_implicit"
-        ):
-            raise ArgumentError(
-                "disturbance: expected None with a compensation, or with a law that is not evaluated "
-                "semi-implicitly; dataclasses.replace(controller, disturbance=None) leaves it out"
-            )
+        if isinstance(self.mixing, Unmixed) and not self.law.scalar_rate:
+            raise ArgumentError("Gamma, Upsilon: Unmixed needs one common value of Gamma * Upsilon")
         limit = np.asarray(self.effort_limit, dtype=float)
         if limit.shape not in ((), (nv,)) or np.isnan(limit).any() or np.any(limit <= 0):
             raise ArgumentError(
@@ -101,222 +93,204 @@ class CompositeController:
         velocity_noise: float | np.ndarray = 0.0,
         delay: float = 0.0,
         velocity_lag: float = 0.0,
-        friction: bool | Literal["viscous", "coulomb"] = False,
-        friction_feedforward: bool = True,
-        compiled: bool = False,
+        joint_terms: Sequence[str] = JOINT_TERMS,
         **given: Any,
     ) -> CompositeController:
         """Every gain derived from the URDF, for steps of dt [s]; those ``given`` by name are kept.
 
-        position_noise [rad], velocity_noise [rad/s], delay [s], velocity_lag [s]: what is known of the
-        hardware, see `eladapt.control.sensing.Hardware`; the control law's horizon, the information floor
-        and the speed below which a joint counts as stuck follow from it.
+        The whole theta is learned: bodies, and of each joint its rotor, viscous and Coulomb friction and
+        offset (`joint_terms` leaves some out).
 
-        Names: P, D, D_L, horizon, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, in the units of
-        `eladapt.control.gains.Gains`. ``print(controller.gains)`` says which rule set each. Raises
+        position_noise [rad], velocity_noise [rad/s]: standard deviations, scalar or (nv,); delay [s]: from a
+        measurement to the torque that answers it, beyond the step; velocity_lag [s]: of a filter in the
+        measured velocity. What is known of them goes in here, see `eladapt.control.sensing.Hardware`; the
+        control law's horizon, the noise floor of the rows and how slow a joint counts as stuck follow from
+        it.
+
+        Names: P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, Gamma, Upsilon, in the
+        units of `eladapt.control.gains.Gains`. ``print(controller.gains)`` says which rule set each. Raises
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
-
-        friction: False, "viscous", "coulomb" or True (both): which friction is estimated beside gravity, see
-        `friction`; friction_feedforward: whether what is found is fed forward. compiled: whether numba (extra
-        ``fast``) compiles what is written in Python, see benchmarks/results/step_cost.md.
         """
-        regressors = Regressors(robot, friction=friction)
+        regressors = Regressors(robot, joint_terms=joint_terms)
         hardware = Hardware(position_noise, velocity_noise, delay, velocity_lag)
         gains = derive_gains(regressors, dt, given, hardware)
-        compensation = None
-        if friction and friction_feedforward:
-            limit = 0.5 * effort(robot, extremes(robot))
-            still = max(1e-4, 3 * float(np.max(hardware.position_noise)))
-            # A velocity predicted a horizon ahead: 1 rad/s^2 is what it tells from rest.
-            compensation = FrictionCompensation(regressors, limit, speed=gains.horizon, tolerance=still)
         return cls(
             regressors=regressors,
             regression=ForceBalance(
-                regressors,
-                gains.pole,
-                gains.row_weight,
-                stiction_speed=max(0.01, 5 * float(np.max(hardware.velocity_noise))),
-                compiled=compiled,
+                regressors, gains.pole, gains.row_weight, stiction_speed=gains.stiction_speed
             ),
-            extension=LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0, compiled),
-            mixing=Directional(compiled),
-            law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon, compiled=compiled),
-            control=FiniteTimePD(gains.P, gains.D, gains.D_L, horizon=gains.horizon, compiled=compiled),
+            extension=SubspaceLeastSquares(gains.alpha, gains.beta, gains.f0, gains.floor),
+            mixing=Unmixed(),
+            law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon),
+            control=FiniteTimePD(gains.P, gains.D, gains.D_L, horizon=gains.horizon),
+            joints=LearnedJoints(regressors, gains.rotors, gains.horizon, gains.alpha, gains.pole),
             effort_limit=robot.effort_limit,
             detector=ChangeDetector(),
+            disturbance=DisturbanceEstimate(
+                0.5 / gains.row_weight,
+                gains.disturbance_limit,
+                gains.memory,
+                gains.tolerance,
+                gains.still_speed,
+            ),
             gains=gains,
-            compensation=compensation,
             nominal_dt=dt,
-            disturbance=None if compensation else DisturbanceEstimate.for_horizon(gains.horizon),
         )
+
+    def __repr__(self) -> str:
+        blocks = (self.regression, self.extension, self.mixing, self.law, self.control)
+        names = ", ".join(type(block).__name__ for block in blocks)
+        return f"CompositeController({self.robot.name}, {len(self.regressors)} parameters: {names})"
 
     @property
     def robot(self) -> Robot:
         return self.regressors.robot
 
     def init(
-        self, measurement: Measurement, theta0: Sequence[float] | np.ndarray | None = None
+        self,
+        measurement: Measurement,
+        theta0: Literal["urdf", "zero"] | Sequence[float] | np.ndarray | None = "urdf",
     ) -> ControllerState:
-        """Filters at rest at the first measurement, theta_U = theta0 (n_potential,), or zero."""
+        """Filters at rest at the first measurement.
+
+        theta0: "urdf", the robot file's own parameters; "zero"; (l,) the whole theta, or (n_potential,)
+        theta_U, with the URDF's for the rest.
+        """
         measurement = self.robot.check_measurement(measurement)
-        j = self.regressors.n_potential
-        theta = np.zeros(j) if theta0 is None else require_vector("theta0", theta0, j)
+        theta = starting_parameters(theta0, self.regressors, "urdf")
         filters = self.regression.init(measurement)
         information = self.extension.init(len(self.regressors))
-        mixed = self.mixing.mix(information, j)
-        empty = Regression(filters.y, filters.omega)
-        excitation = self._monitor.init(np.size(mixed.delta))
-        change = self.detector.init(information, j) if self.detector else None
-        compensation = self.compensation.init() if self.compensation else None
-        disturbance = self.disturbance.init(self.robot.nv) if self.disturbance else None
-        return ControllerState(
-            measurement, theta, filters, empty, information, mixed, excitation, change, compensation,
-            disturbance,
-        )  # fmt: skip
+        state = ControllerState(
+            measurement=measurement,
+            parameters=theta,
+            n_potential=self.regressors.n_potential,
+            filters=filters,
+            regression=Regression(filters.y, filters.omega),
+            information=information,
+            disturbance=self.disturbance.init(self.robot.nv) if self.disturbance else None,
+        )
+        return state._replace(change=self.detector.init(_snapshot(state))) if self.detector else state
 
     def step(
-        self, state: ControllerState, measurement: Measurement, goal: np.ndarray, dt: float
+        self, state: ControllerState, measurement: Measurement, goal: np.ndarray | Reference, dt: float
     ) -> tuple[ControllerState, np.ndarray]:
         """The state at ``measurement`` and the torque (nv,) [N m] to hold until the next one.
 
-        goal: q_d (nq,). dt [s]: time since the measurement before, and until the next. What the time stamps
-        say is what counts: a measurement with the stamp of the last one (as the first after `init`) is the
-        same sample, and nothing is advanced; one that is late or early by up to half of dt advances
-        everything by the true time; with a larger gap the torque in between is not known, so the filters
-        start afresh, which makes them exact from their next step, and the information stays.
+        goal: q_d (nq,), or a `Reference`. dt [s]: time since the measurement before, and until the next. What
+        the time stamps say is what counts: a measurement with the stamp of the last one (as the first after
+        `init`) is the same sample, and nothing is advanced; one that is late or early by up to half of dt
+        advances everything by the true time; with a larger gap the torque in between is not known, so the
+        filters start afresh, which makes them exact from their next step, and the information stays.
 
         Raises ArgumentError for wrong shapes, numbers that are not finite or no arm's, time running back,
         and a dt that is not positive or above ten times ``nominal_dt``; the state given stays valid.
         """
         robot = self.robot
         measurement = robot.check_measurement(measurement)
-        goal = robot.check_q(goal, "goal")
+        reference = robot.check_goal(goal)
         dt = checked_step(dt, self.nominal_dt)
         _, q, v, _ = measurement
-        e1 = pin.difference(robot.model, goal, q)
-        psi = self.regressors.gravity(q, check=False)
-        if measurement.t != state.measurement.t:
-            state = self._advance(state, measurement, psi, e1, dt)
+        e1, e2 = pin.difference(robot.model, reference.q, q), v - reference.v
+        regressor = self.regressors.slotine_li(q, v, reference.v, reference.a, check=False)
         mass_matrix = robot.mass_matrix(q, check=False)
-        tau = self._line.torque(state, psi, e1, v, mass_matrix, dt) if self._line else None
-        return state, self._torque(state, psi, e1, v, mass_matrix, dt) if tau is None else tau
-
-    def friction(self, state: ControllerState) -> FrictionEstimate:
-        """Friction of every joint by least squares, nan where it was not excited.
-
-        Raises ArgumentError when the controller has no friction columns.
-        """
-        if not self.regressors.n_friction:
-            raise ArgumentError(
-                "friction: this controller has no friction columns; for_robot(robot, friction=True) makes one"
-            )
-        return estimate_friction(self.regressors, state.information)
-
-    def payload(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
-        """The load that came or went with the last change noticed, in ``frame`` (the tool if None).
-
-        Weighed by least squares on what was seen before and since. Standard deviations are those of noise
-        in the measured velocity, which the filters leave white. Where `for_robot` was told of noise, what
-        the arm's motion does not tell above it is not identified: at rest the place of the load along the
-        vertical; a move tells it. Raises ArgumentError when the controller has noticed no change.
-        """
-        change = state.change
-        if change is None or change.noticed == 0:
-            raise ArgumentError(
-                "state: expected one in which a change was noticed; state.change says none was"
-            )
-        rows = state.filters.y.size * max(1, change.steps)
-        before = completed(change.theta_before, change.information_before)
-        after = completed(state.theta, state.information)
-        samples = rows if rows > len(self.regressors) else None
-        xi = getattr(self.extension, "xi", QUIET_XI)
-        return estimate_payload(
-            self.regressors, before, after, state.information, change.information_before,
-            samples=samples, floor=1 / xi if xi < QUIET_XI else 0.0, frame=frame,
-        )  # fmt: skip
-
-    def carried(self, state: ControllerState, frame: str | None = None) -> PayloadEstimate:
-        """What the arm carries beyond the URDF's own bodies, in ``frame`` (the tool if None).
-
-        The estimate less the URDF's parameters, where it was excited; right if the URDF's masses are.
-        """
-        regressors = self.regressors
-        nominal = regressors.theta_potential
-        return estimate_payload(regressors, nominal, state.theta, state.information, frame=frame)
-
-    @functools.cached_property
-    def _monitor(self) -> GateMonitor:
-        return GateMonitor(self.law.b, self.law.d)
-
-    @functools.cached_property
-    def _line(self) -> CompiledLine | None:
-        return CompiledLine.of(self)
-
-    def _torque(
-        self, state: ControllerState, psi: np.ndarray, e1: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray,
-        dt: float,
-    ) -> np.ndarray:  # fmt: skip
-        """The torque (nv,) [N m] of feedback and feed-forward, clipped. Raises ArgumentError, not finite."""
-        horizon = max(dt, getattr(self.control, "horizon", None) or dt)
-        if self.disturbance and state.disturbance is not None:
-            v = self.disturbance.velocity(state.disturbance, v, mass_matrix, horizon)
-        v = require_vector("velocity that the control law starts from", v, self.robot.nv)
-        feedback = self.control.torque(e1, v, mass_matrix, dt)
-        if self.compensation and state.compensation:
-            predicted = v + horizon * np.linalg.solve(mass_matrix, feedback)
-            feedback = feedback + self.compensation.torque(state.compensation, v, predicted)
-        wanted = require_vector("torque of the control law", feedback + psi @ state.theta, self.robot.nv)
+        if self.joints:
+            diagonal = np.einsum("ii->i", mass_matrix)
+            diagonal += self.joints.inertia(state.parameters, state.information)
+        if measurement.t != state.measurement.t:
+            state = self._advance(state, measurement, regressor, e1, e2, dt)
+        feedback = self.control.torque(e1, e2, mass_matrix, dt)
+        wanted = feedback + regressor @ state.parameters
+        if state.disturbance is not None:
+            wanted += state.disturbance
+        wanted = require_vector("torque of the control law", wanted, robot.nv)
         limit = self.effort_limit
-        return np.minimum(np.maximum(wanted, -limit), limit)  # a third of np.clip's time
+        return state, np.minimum(np.maximum(wanted, -limit), limit)  # a third of np.clip's time
 
-    def _mix(self, information: Any, before: MixedRegression) -> MixedRegression:
-        j = self.regressors.n_potential
-        if isinstance(self.mixing, Directional) and self.mixing.compiled:
-            return self.mixing.mix(information, j, before)
-        return self.mixing.mix(information, j)
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names of all parameters, see `Regressors.labels`."""
+        return self.regressors.labels
+
+    def recorded(self, state: ControllerState) -> dict[str, np.ndarray]:
+        """What a record keeps of every sample."""
+        innovation = np.asarray(getattr(state.information, "innovation", np.nan))
+        return {"parameters": state.parameters, "theta": state.theta, "innovation": innovation}
+
+    def reviewed(self, state: ControllerState, frame: str | None) -> dict[str, np.ndarray]:
+        """What a record keeps 30 times a second: how much of gravity is known, and the load."""
+        gates = spectrum(state.information, state.n_potential, "potential").gates
+        kept = {"excitation": gates}
+        if frame is not None or (state.change and state.change.noticed):
+            load = carried(self, state, frame)
+            kept["carried"] = np.array([load.mass, *load.com, load.misfit])
+        return kept
+
+    def true_parameters(self, model: pin.Model) -> np.ndarray:
+        """(l,) what theta should become on an arm with this model."""
+        return self.regressors.theta_of(model)
+
+    def mixed(self, state: ControllerState) -> MixedRegression:
+        """(Y, gain) that theta followed at ``state``: for records and theory, made when asked for."""
+        return self.mixing.mix(state.information, self.regressors.n_potential)
 
     def _advance(
-        self, state: ControllerState, measurement: Measurement, psi: np.ndarray, e1: np.ndarray, dt: float
-    ) -> ControllerState:
-        before, information, change = state.measurement, state.information, state.change
-        dt, gap = elapsed(before.t, measurement.t, dt)
-        if self._line and not gap:
-            following = self._line.advance(state, measurement, psi, e1, dt)
-            if following:
-                return following
+        self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, e1: np.ndarray,
+        e2: np.ndarray, dt: float,
+    ) -> ControllerState:  # fmt: skip
+        dt, gap = elapsed(state.measurement.t, measurement.t, dt)
+        theta = self._descend(state.parameters, regressor, measurement, e1, e2, dt)
         if gap:
             filters = self.regression.init(measurement)
-            regression = Regression(filters.y, filters.omega)
-        else:
-            filters, regression = self.regression.step(state.filters, measurement, dt)
-            information = self.extension.step(information, regression, dt)
-        if self.detector and change and not gap:
-            change = self.detector.step(
-                change, state.information, information, state.theta, measurement.t, dt
+            return state._replace(
+                measurement=measurement,
+                parameters=self.law.bounded(theta, state.n_potential),
+                filters=filters,
+                regression=Regression(filters.y, filters.omega),
             )
+        filters, regression = self.regression.step(state.filters, measurement, dt)
+        information = self.extension.step(state.information, regression, dt)
+        change = state.change
+        if self.detector and change:
+            change = self.detector.step(change, _snapshot(state), information, regression, measurement.t, dt)
             if change.noticed > state.change.noticed:  # type: ignore[union-attr]
                 filters = self.regression.init(measurement)
                 regression = Regression(filters.y, filters.omega)
                 information = self.extension.init(len(self.regressors))
-        mixed = self._mix(information, state.mixed)
-        excitation = self._monitor.step(state.excitation, mixed, dt)
-        free = np.abs(measurement.tau) < self.effort_limit
-        theta = self.law.step(
-            state.theta, psi, free * e1, free * measurement.v, mixed, dt, excitation.gates
-        )  # fmt: skip
-        compensation = state.compensation
-        if self.compensation and compensation and not gap:
-            known = psi @ theta
-            compensation = self.compensation.step(
-                compensation, information, before, measurement, known, e1, dt
-            )
+        theta = self.mixing.follow(self.law, information, theta, state.n_potential, dt)
         disturbance = state.disturbance
-        if self.disturbance and disturbance is not None and not gap:
-            _, q, v, tau = measurement
-            inertial = self.robot.inertial_torque(q, v, (v - before.v) / dt)
-            feedback = tau - psi @ state.theta
-            disturbance = self.disturbance.step(disturbance, inertial, feedback, dt)
+        if self.disturbance and disturbance is not None:
+            residual = self._unexplained(state, measurement, regressor, dt)
+            still = e2 == measurement.v
+            disturbance = self.disturbance.step(disturbance, residual, e1, measurement.v, still, dt)
         return ControllerState(
-            measurement, theta, filters, regression, information, mixed, excitation, change, compensation,
-            disturbance,
+            measurement, self.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
+            information, change, disturbance,
         )  # fmt: skip
+
+    def _descend(
+        self, theta: np.ndarray, regressor: np.ndarray, measurement: Measurement, e1: np.ndarray,
+        e2: np.ndarray, dt: float,
+    ) -> np.ndarray:  # fmt: skip
+        """The direct term, in the joints whose torque is not clipped, and for all of theta but friction.
+
+        A joint that moves one way cannot tell its offset from its Coulomb friction: the indirect term keeps
+        their sum, and the direct one would drive them apart without end.
+        """
+        free = np.abs(measurement.tau) < self.effort_limit
+        bodies = regressor.copy()
+        bodies[:, self.regressors.friction] = 0.0
+        return self.law.descend(theta, bodies, free * e1, free * e2, dt)
+
+    def _unexplained(
+        self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """(nv,) [N m] the torque that acted less W(q, v, a) theta, with the friction that is fed forward."""
+        _, q, v, tau = measurement
+        moved = self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
+        friction = self.regressors.friction
+        moved[:, friction] = regressor[:, friction]
+        return tau - moved @ state.parameters
+
+
+def _snapshot(state: ControllerState) -> Snapshot:
+    return Snapshot(state.measurement.t, state.parameters, state.information)

@@ -1,59 +1,59 @@
-"""What pushes on the arm and is in no model: the disturbance estimate of the semi-implicit control law.
-
-The semi-implicit law asks for the torque at the end of the horizon, as M(q) and the torque would lead
-there. A joint held by friction does not get there: the law believes that it arrives, and pushes too
-little. With the torque d that was missing over the last moments the prediction is
-M (w - v) = H (law(e + H w, w) + d), the same equation from the velocity v + H M^-1 d. The torque is still the
-law's, d is not added to it: a friction f stops a joint within (f/P)^(1/a) of its goal, where the law itself
-pushes with f.
-"""
+"""What holds or pushes a joint and is in no model: stiction, contact, what is not learned yet."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
-from eladapt.errors import require_number
+from eladapt.errors import ArgumentError, require_gain, require_number
 
-LEAST_MEMORY = 0.03  # [s]
-HORIZONS = 5.0
+CREEPING = 0.3  # [rad/s]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DisturbanceEstimate:
-    """d = low-pass of M a + C v - feedback, a the difference of two measured velocities over their time.
+    """d = low-pass of the torque that acted less what the model with the present theta explains of the
+    motion.
 
-    M and C are the URDF's; feedback is what of the applied torque the law commanded, all but the gravity
-    that is known. So d holds friction, contact, and what of gravity and inertia is estimated wrong; where the
-    model is right, d = 0.
+    It is fed forward. The model's friction stands at the reference's velocity, as it is fed forward itself;
+    so d is what the feed-forward lacks, and where the arm follows its reference and theta is right, d = 0. In
+    a joint that sticks nothing moves, and d integrates the control law's torque until it breaks loose; a
+    joint that rests within ``tolerance`` of its goal holds its d, or it would hunt about it.
 
-    memory [s]: of the low-pass. Velocity noise s makes about M s / memory of d, which moves the law's
-    velocity by s H / memory: at five times H it adds a tenth to the torque's noise (panda, encoders of
-    2^17 counts), at H more than half. Friction of 1 N m on the panda left least error at 0.03 s.
+    limit (nv,) [N m]: largest d of a joint that creeps or rests; moving (nv,) [N m]: of a faster one, which
+    it could throw. memory (nv,) [s] of the low-pass: velocity noise s costs about M s / memory [N m].
+    tolerance [rad], slow [rad/s]: within which a joint has arrived.
     """
 
-    memory: float = LEAST_MEMORY
+    limit: np.ndarray | float
+    moving: np.ndarray | float = np.inf
+    memory: np.ndarray | float = 0.01
+    tolerance: float = 5e-6
+    slow: float = 1e-5
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "memory", require_number("memory", self.memory, 0))
-
-    @classmethod
-    def for_horizon(cls, horizon: float) -> DisturbanceEstimate:
-        """The memory that suits the law's horizon [s]."""
-        return cls(max(LEAST_MEMORY, HORIZONS * horizon))
+        for name in ("limit", "memory"):
+            object.__setattr__(self, name, require_gain(name, getattr(self, name)))
+        if np.any(np.isnan(self.moving)) or np.any(np.asarray(self.moving) <= 0):
+            raise ArgumentError(f"moving: expected positive values [N m], got {self.moving!r}")
+        for name in ("tolerance", "slow"):
+            value = require_number(name, getattr(self, name), 0, np.finfo(float).max, closed=True)
+            object.__setattr__(self, name, value)
 
     def init(self, nv: int) -> np.ndarray:
         """d = 0 (nv,): nothing is known to push."""
         return np.zeros(nv)
 
-    def step(self, d: np.ndarray, inertial: np.ndarray, feedback: np.ndarray, dt: float) -> np.ndarray:
-        """d (nv,) [N m] after feedback (nv,) was held for dt [s] and made inertial = M a + C v (nv,)."""
-        return d - math.expm1(-dt / self.memory) * (inertial - feedback - d)
+    def step(
+        self, d: np.ndarray, residual: np.ndarray, e1: np.ndarray, v: np.ndarray, still: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """d (nv,) [N m] after a step of dt [s].
 
-    def velocity(self, d: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray, horizon: float) -> np.ndarray:
-        """v + H M^-1 d (nv,) [rad/s], from which the semi-implicit law's prediction includes d."""
-        _, change, _ = dposv(mass_matrix, d)  # a fifth of the time of a general solver
-        return v + horizon * change
+        residual (nv,) [N m]: torque less model over the step; e1 (nv,) [rad]; v (nv,) [rad/s]; still (nv,):
+        which joints are to stand still.
+        """
+        arrived = still & (np.abs(v) < self.slow) & (np.abs(e1) < self.tolerance)
+        d = np.where(arrived, d, d - np.expm1(-dt / self.memory) * (residual - d))
+        limit = np.where(np.abs(v) < CREEPING, self.limit, np.minimum(self.limit, self.moving))
+        return np.minimum(np.maximum(d, -limit), limit)

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from eladapt.compiling import compiled
-from eladapt.control.proximal import Solution, signed_power, solve_coupled
+from eladapt.control.proximal import ITERATIONS, Solution, signed_power, solve_coupled
 from eladapt.errors import ArgumentError, require_gain, require_number
 
 Evaluation = Literal["explicit", "slope_limited", "semi_implicit"]
@@ -34,7 +33,6 @@ class FiniteTimePD:
         2e-3 to 3e-2 rad (benchmarks/results/discretisation.md).
     horizon: H [s] of the semi-implicit evaluation, the step by default; longer where noise asks
         for it, since the slope near rest is M/H.
-    compiled: whether numba (extra ``fast``) compiles the semi-implicit evaluation.
 
     Raises ArgumentError for gains outside their range.
     """
@@ -46,8 +44,7 @@ class FiniteTimePD:
     r2: float = 1.0
     linear: bool = False
     evaluation: Evaluation = "semi_implicit"
-    horizon: float | None = None
-    compiled: bool = False
+    horizon: float | np.ndarray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "P", require_gain("P", self.P))
@@ -63,7 +60,7 @@ class FiniteTimePD:
                 f"got {self.evaluation!r}"
             )
         if self.horizon is not None:
-            object.__setattr__(self, "horizon", require_number("horizon", self.horizon, 0))
+            object.__setattr__(self, "horizon", require_gain("horizon", self.horizon))
 
     @functools.cached_property
     def a(self) -> float:
@@ -75,6 +72,21 @@ class FiniteTimePD:
         """Exponent of the velocity."""
         return 1.0 if self.linear else (2 * self.r2 - self.r1) / self.r2
 
+    def gains(self, nv: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """P, D and D_L, (nv,) each. Raises ArgumentError for another number of joints."""
+        found = self._by_joint.get(nv)
+        if found is None:
+            found = self._by_joint[nv] = (
+                require_gain("P", self.P, nv),
+                require_gain("D", self.D, nv),
+                require_gain("D_L", self.D_L, nv, zero=True),
+            )
+        return found
+
+    @functools.cached_property
+    def _by_joint(self) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        return {}
+
     def law(self, e1: np.ndarray, e2: np.ndarray) -> np.ndarray:
         """The law itself (nv,), at one state."""
         return -self.P * signed_power(e1, self.a) - self.D * signed_power(e2, self.b) - self.D_L * e2
@@ -85,7 +97,7 @@ class FiniteTimePD:
             return self.law(e1, e2)
         if self.evaluation == "slope_limited":
             return self._slope_limited(e1, e2, mass_matrix, dt)
-        horizon = max(dt, self.horizon or dt)
+        horizon = np.maximum(dt, dt if self.horizon is None else self.horizon)
         return semi_implicit_solution(self, e1, e2, mass_matrix, horizon).torque
 
     def _slope_limited(
@@ -118,7 +130,7 @@ class PredictedState(NamedTuple):
 
 
 def semi_implicit_state(
-    law: FiniteTimePD, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, horizon: float
+    law: FiniteTimePD, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, horizon: float | np.ndarray
 ) -> PredictedState:
     """(e1 + H w, w) with M (w - e2) = H law(e1 + H w, w), see `proximal.solve_coupled`."""
     solution = semi_implicit_solution(law, e1, e2, mass_matrix, horizon)
@@ -126,13 +138,14 @@ def semi_implicit_state(
 
 
 def semi_implicit_solution(
-    law: FiniteTimePD, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, horizon: float
+    law: FiniteTimePD,
+    e1: np.ndarray,
+    e2: np.ndarray,
+    mass_matrix: np.ndarray,
+    horizon: float | np.ndarray,
+    most: int = ITERATIONS,
 ) -> Solution:
     """The same with the torque there, and what it took to find it."""
-    solve = compiled(solve_coupled) if law.compiled else solve_coupled
-    P, D, D_L = _diagonal(law.P, len(e2)), _diagonal(law.D, len(e2)), _diagonal(law.D_L, len(e2))
-    return solve(e1, e2, mass_matrix, P, D, D_L, law.a, law.b, horizon)
-
-
-def _diagonal(gain: Any, size: int) -> np.ndarray:
-    return gain if gain.ndim else np.full(size, gain)
+    P, D, D_L = law.gains(len(e2))
+    reach = np.broadcast_to(horizon, len(e2)).astype(float)
+    return solve_coupled(e1, e2, mass_matrix, P, D, D_L, law.a, law.b, reach, most)

@@ -23,7 +23,15 @@ SAMPLES = 200  # configurations over which the extremes of M and g are taken
 # published arms stay below 0.17 (so_arm101), and explicit feedback of a mode diverges at 2.
 RESOLVED = 0.3
 GAMMA, GAMMA_LEAST = 0.2, 0.002
+# [rad/s^2] A rotor that the effort limit could not turn faster than this is not believed (a Panda's wrist:
+# 0.24 kg m^2), and one of an eighth of that is what D reckons with (0.03 kg m^2).
+LEAST_ROTOR_ACCELERATION, ASSUMED_ROTOR_ACCELERATION = 50.0, 400.0
+LEAST_STIFFNESS = (
+    0.3  # of the effort limit: friction of some parts of it must not hold a joint far from its goal
+)
+MOST_PUSH = 1000.0  # [rad/s^2] by which a disturbance estimate may throw a link that has no rotor
 IDEAL = Hardware()
+LEAST_PRIOR, PRIOR_OF_NOISE = 1e-10, 0.01
 FLOOR_SAMPLES = 20  # configurations over which the information that noise makes is taken
 
 
@@ -43,15 +51,21 @@ class Gains:
     P: np.ndarray  # [N m/rad^(1/3)]
     D: np.ndarray  # [N m (s/rad)^(1/2)]
     D_L: np.ndarray  # [N m s/rad]
-    horizon: float  # [s] of the semi-implicit law
+    rotors: np.ndarray  # [kg m^2] assumed beside the URDF's M(q)
+    horizon: np.ndarray  # [s] of the semi-implicit law
     pole: float  # [1/s]
     row_weight: np.ndarray  # [1/(N m)]
     alpha: float  # [1/s]
     beta: float  # [1/s]
-    xi: float
     f0: float
+    floor: float
+    stiction_speed: float  # [rad/s]
     Gamma: float
     Upsilon: float
+    disturbance_limit: np.ndarray  # [N m]
+    memory: np.ndarray  # [s] of the disturbance estimate
+    tolerance: float  # [rad]
+    still_speed: float  # [rad/s]
     rules: tuple[Rule, ...]
 
     def __str__(self) -> str:
@@ -172,37 +186,70 @@ def derive_gains(
         rules.append(Rule(name, _short(derived), rule, active))
         return derived
 
-    spare, reserve, wanted = limit - gravity, 0.6 * limit, 4 * gravity + 60 * inertia
-    available = np.maximum(spare, reserve)
+    rotors = settle(
+        "rotors", limit / LEAST_ROTOR_ACCELERATION,
+        f"effort / {LEAST_ROTOR_ACCELERATION:g} rad/s^2: the largest rotor that is believed",
+    )  # fmt: skip
+    bodies, inertia = inertia, inertia + limit / ASSUMED_ROTOR_ACCELERATION
+    spare, reserve, wanted = limit - gravity, 0.6 * limit, 4 * gravity + 60 * bodies
+    available, least = np.maximum(spare, reserve), LEAST_STIFFNESS * limit
+    stiff = np.minimum(available, wanted)
+    enough = stiff >= least
     P = settle(
-        "P", np.minimum(available, wanted), "min(max(effort - max|g|, 0.6 effort), 4 max|g| + 60 max M)",
+        "P", np.maximum(stiff, least),
+        f"max(min(max(effort - max|g|, 0.6 effort), 4 max|g| + 60 max M), {LEAST_STIFFNESS:g} effort)",
         _by_joint(robot, {
-            "effort limit": (available <= wanted) & (spare >= reserve) & ~assumed,
-            "0.6 of the effort limit": (available <= wanted) & (spare < reserve) & ~assumed,
-            "effort assumed as max(3 max|g|, 20 max M), URDF sets none": (available <= wanted) & assumed,
-            "gravity and inertia": available > wanted,
+            f"{LEAST_STIFFNESS:g} of the effort limit": ~enough,
+            "effort limit": enough & (available <= wanted) & (spare >= reserve) & ~assumed,
+            "0.6 of the effort limit": enough & (available <= wanted) & (spare < reserve) & ~assumed,
+            "effort assumed as max(3 max|g|, 20 max M), URDF sets none":
+                enough & (available <= wanted) & assumed,
+            "gravity and inertia": enough & (available > wanted),
         }),
     )  # fmt: skip
     D = settle(
-        "D", 1.5 * P**0.75 * inertia**0.25, "1.5 P^(3/4) max M^(1/4): the same damping at any amplitude"
-    )
+        "D", 1.5 * P**0.75 * inertia**0.25,
+        f"1.5 P^(3/4) (max M + effort / {ASSUMED_ROTOR_ACCELERATION:g})^(1/4): "
+        "the same damping at any amplitude, with the rotor that such a motor has",
+    )  # fmt: skip
     D_L = settle("D_L", 0.1 * D, "0.1 D")
     horizon = settle("horizon", *choose_horizon(hardware, inertia, limit, dt))
     pole = settle("pole", 20.0, "20 1/s: a tenth of a second of motion in the filters")
     row_weight = settle("row_weight", 1 / limit, "1 / effort limit: rows of equal size")
     alpha = settle("alpha", 1.0, "1 1/s on scaled columns")
     beta = settle("beta", 5.0, "5 1/s: forgets in 0.2 s what is known better than needed")
-    postures = _configurations(robot, FLOOR_SAMPLES, 0)
-    xi = settle("xi", *choose_floor(regressors, hardware, postures, row_weight, (pole, alpha, beta)))
-    f0 = settle("f0", 1e-3, "1e-3: the prior is worth a millisecond of motion")
+    floor = settle(
+        "floor",
+        *choose_floor(regressors, hardware, _configurations(robot, FLOOR_SAMPLES, 0), row_weight, pole),
+    )
+    f0 = settle(
+        "f0", max(LEAST_PRIOR, PRIOR_OF_NOISE * floor**2),
+        f"max({LEAST_PRIOR:g}, {PRIOR_OF_NOISE:g} floor^2): what the filters' interpolation, or noise, makes",
+    )  # fmt: skip
+    noisy_speed = float(np.max(hardware.velocity_noise))
+    stiction_speed = settle(
+        "stiction_speed", max(1e-3, 5 * noisy_speed), "max(1e-3 rad/s, 5 s_v): below it a joint may stick"
+    )
+    disturbance_limit = settle(
+        "disturbance_limit", np.minimum(0.5 * limit, MOST_PUSH * bodies),
+        f"min(0.5 effort, max M {MOST_PUSH:g} rad/s^2) above 0.3 rad/s, else 0.5 effort",
+    )  # fmt: skip
+    memory = settle("memory", np.maximum(0.01, 2 * horizon), "max(0.01 s, 2 horizon)")
+    noisy = noisy_speed > 0 or float(np.max(hardware.position_noise)) > 0
+    tolerance = settle(
+        "tolerance", 0.0 if noisy else 5e-6,
+        "5e-6 rad without noise; with noise 0: an estimate that stops and goes drifts",
+    )  # fmt: skip
+    still_speed = settle("still_speed", max(1e-5, 3 * noisy_speed), "max(1e-5 rad/s, 3 s_v)")
     Gamma = settle("Gamma", *_adaptation_gain(regressors, dt, hardware.delay))
     # |theta_U| is about max |g| in scaled columns: its fractional term arrives within about 0.3 s.
     rate = np.sqrt(3 * max(gravity.max(), 1e-3)) / 0.045
     Upsilon = settle("Upsilon", rate / Gamma, "Gamma Upsilon = sqrt(3 max|g|) / 0.045: arrives within 0.3 s")
     _require_resolved(fall_mode(robot), dt, hardware.delay, "gravity changes")
     return Gains(
-        P, D, D_L, horizon, pole, row_weight, alpha, beta, xi, f0, Gamma, Upsilon, rules=tuple(rules)
-    )
+        P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, stiction_speed, Gamma, Upsilon,
+        disturbance_limit, memory, tolerance, still_speed, tuple(rules),
+    )  # fmt: skip
 
 
 def derive_sliding_gains(robot: Robot, dt: float) -> SlidingGains:

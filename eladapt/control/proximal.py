@@ -15,8 +15,7 @@ from math import copysign, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
-
-from eladapt.compiling import jitable
+from numba import njit
 
 SCALAR_ITERATIONS = 80  # bisection alone needs no more for double precision; 3 to 8 are typical
 ITERATIONS = 40  # of the coupled problem; 3 to 6 are typical
@@ -50,7 +49,7 @@ def signed_power(x: np.ndarray, exponent: float) -> np.ndarray:
     return np.sign(x) * np.abs(x) ** exponent
 
 
-@jitable
+@njit(cache=True, error_model="numpy")
 def power(x: float, exponent: float) -> float:
     """x^exponent for x >= 0, without the logarithm where there is a shorter way."""
     if exponent == 0.5:
@@ -62,7 +61,7 @@ def power(x: float, exponent: float) -> float:
     return x**exponent
 
 
-@jitable
+@njit(cache=True, error_model="numpy")
 def solve_scalar(u: float, s: float, spring: float, damper: float, linear: float, a: float, b: float) -> Root:
     """The root for spring A > 0, damper B > 0, linear K > 0 and exponents 0 < a <= b <= 1."""
     at_spring, reach = a < b, inf
@@ -115,72 +114,96 @@ def solve_scalar(u: float, s: float, spring: float, damper: float, linear: float
     return Root(far, near, 1 / slope) if at_spring else Root(near, far, 1 / slope)
 
 
-@jitable
+@njit(cache=True, error_model="numpy")
+def solve_linear(matrix: np.ndarray, x: np.ndarray) -> None:
+    """x <- matrix^-1 x in place, by elimination without pivots: diagonally dominant or close to it. The
+    matrix is used up."""
+    n = len(x)
+    for j in range(n):
+        for i in range(j + 1, n):
+            factor = matrix[i, j] / matrix[j, j]
+            for k in range(j + 1, n):
+                matrix[i, k] -= factor * matrix[j, k]
+            x[i] -= factor * x[j]
+    for j in range(n - 1, -1, -1):
+        total = x[j]
+        for k in range(j + 1, n):
+            total -= matrix[j, k] * x[k]
+        x[j] = total / matrix[j, j]
+
+
+@njit(cache=True, error_model="numpy")
 def solve_coupled(
     e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, P: np.ndarray, D: np.ndarray, D_L: np.ndarray,
-    a: float, b: float, horizon: float,
+    a: float, b: float, horizon: np.ndarray, most: int = ITERATIONS,
 ) -> Solution:  # fmt: skip
-    """w of M (w - e2) = H law(e1 + H w, w), all gains (nv,).
+    """w of H^-1/2 M H^-1/2 (w - e2) = law(e1 + H w, w), all gains and horizons H (nv,).
 
     w is the minimiser of a strictly convex function, so it exists and is unique. A Newton step that does not
-    lower the residual is halved; if even a thousandth of it does not, or after ITERATIONS, the best iterate
+    lower the residual is halved; if even a thousandth of it does not, or after ``most``, the best iterate
     is returned, at which the torque is still the law's, with the residual that it leaves.
     """
     n = len(e2)
-    diagonal = np.diag(mass_matrix).copy()
-    coupling = mass_matrix - np.diag(diagonal)
-    root_mass = np.sqrt(diagonal)
-    ratio = horizon / diagonal
-    offset, spring = e1 / horizon, ratio * P * horizon**a
-    damper, linear = ratio * D, 1 + ratio * D_L
+    mass = np.empty((n, n))
+    for i in range(n):
+        for k in range(n):
+            mass[i, k] = mass_matrix[i, k] / sqrt(horizon[i] * horizon[k])
+    jacobian = np.empty((n, n))
     u, best = e2.copy(), e2.copy()
     w, x, slope = np.zeros(n), np.zeros(n), np.zeros(n)
-    trial = np.zeros((3, n))
-    residual = step = np.zeros(n)
+    trial_w, trial_x, trial_slope = np.zeros(n), np.zeros(n), np.zeros(n)
+    misfit, step = np.zeros(n), np.zeros(n)
     size, scale, fraction = inf, 0.0, 1.0
     evaluations = 0
-    while evaluations < ITERATIONS:
+    while evaluations < most:
         for i in range(n):
+            ratio = 1 / mass[i, i]
             root = solve_scalar(
-                float(u[i]), float(offset[i]), float(spring[i]), float(damper[i]), float(linear[i]), a, b
+                u[i],
+                e1[i] / horizon[i],
+                ratio * P[i] * horizon[i] ** a,
+                ratio * D[i],
+                1 + ratio * D_L[i],
+                a,
+                b,
             )
-            trial[0, i], trial[1, i], trial[2, i] = root.w, root.x, root.slope
+            trial_w[i], trial_x[i], trial_slope[i] = root.w, root.x, root.slope
         evaluations += 1
-        misfit = diagonal * (u - e2) + coupling @ (trial[0] - e2)
-        found = sqrt(np.sum((misfit / root_mass) ** 2))
+        found = 0.0
+        for i in range(n):
+            total = mass[i, i] * (u[i] - e2[i])
+            for k in range(n):
+                if k != i:
+                    total += mass[i, k] * (trial_w[k] - e2[k])
+            misfit[i] = total
+            found += total * total / mass[i, i]
+        found = sqrt(found)
         if found < size:
-            best, size, residual = u, found, misfit
-            w, x, slope = trial[0].copy(), trial[1].copy(), trial[2].copy()
+            size = found
+            for i in range(n):
+                best[i], w[i], x[i], slope[i] = u[i], trial_w[i], trial_x[i], trial_slope[i]
             if scale == 0.0:
-                scale = sqrt(np.sum((root_mass * (np.abs(e2) + np.abs(w))) ** 2)) + TINY
+                for i in range(n):
+                    scale += mass[i, i] * (abs(e2[i]) + abs(w[i])) ** 2
+                scale = sqrt(scale) + TINY
             if size <= CONVERGED * scale:
                 break
-            step, fraction = np.linalg.solve(coupling * slope + np.diag(diagonal), residual), 1.0
+            for i in range(n):
+                step[i] = misfit[i]
+                for k in range(n):
+                    jacobian[i, k] = mass[i, k] * (1.0 if i == k else slope[k])
+            solve_linear(jacobian, step)
+            fraction = 1.0
         else:
             fraction /= 2
             if not fraction > LEAST_FRACTION:
                 break
-        u = best - fraction * step
-    end = horizon * x
-    torque = -P * np.sign(x) * np.abs(end) ** a - D * np.sign(w) * np.abs(w) ** b - D_L * w
-    return Solution(end, w, torque, evaluations, size / scale if scale > 0.0 else 0.0)
-
-
-def command(
-    e1: np.ndarray, v: np.ndarray, mass_matrix: np.ndarray, disturbance: np.ndarray, psi: np.ndarray,
-    theta: np.ndarray, P: np.ndarray, D: np.ndarray, D_L: np.ndarray, a: float, b: float, horizon: float,
-    effort_limit: np.ndarray,
-) -> tuple[np.ndarray, bool]:  # fmt: skip
-    """The torque (nv,) [N m] of feedback and known gravity, clipped, and whether it is finite.
-
-    disturbance d (nv,) [N m]: the prediction starts from v + H M^-1 d, see `eladapt.control.disturbance`.
-    psi (nv, n_potential), theta (n_potential,): known gravity; the rest as in `solve_coupled`.
-    """
-    if not np.isfinite(disturbance).all():  # a solver would raise
-        return np.zeros_like(v), False
-    pushed = v + horizon * np.linalg.solve(mass_matrix, disturbance)
-    if not np.isfinite(pushed).all():  # the search would find nothing better than no torque
-        return np.zeros_like(v), False
-    wanted = solve_coupled(e1, pushed, mass_matrix, P, D, D_L, a, b, horizon).torque + psi @ theta
-    finite = bool(np.isfinite(wanted).all())
-    return np.minimum(np.maximum(wanted, -effort_limit), effort_limit), finite
+        for i in range(n):
+            u[i] = best[i] - fraction * step[i]
+    torque = np.empty(n)
+    for i in range(n):
+        x[i] *= horizon[i]
+        torque[i] = (
+            -P[i] * copysign(abs(x[i]) ** a, x[i]) - D[i] * copysign(abs(w[i]) ** b, w[i]) - D_L[i] * w[i]
+        )
+    return Solution(x, w, torque, evaluations, size / scale if scale > 0.0 else 0.0)

@@ -25,11 +25,8 @@ MARGIN = 2.0  # by which the delay stays below that: a plant lighter than its UR
 # of critical damping.
 LAG_MARGIN = 2.0
 # Of an effort limit: standard deviation of the torque that noise makes through M/H and M/H^2.
-NOISE_SHARE = 0.04
-# The gate that noise may open in a resting arm, and the range of xi over which that is kept: below 1e4 the
-# estimate takes seconds (panda: 2.0 s to 5e-3 rad at 1e3, 1.3 s at 1e4).
-NOISE_GATE = 0.01
-LEAST_XI, QUIET_XI = 1e4, 1e8
+NOISE_SHARE = 0.004
+FLOOR_DEVIATIONS = 3.0  # rows no longer than this many standard deviations of their noise are noise
 NOISES = ("position_noise", "velocity_noise")
 
 
@@ -62,24 +59,30 @@ class Hardware:
 
 def choose_horizon(
     hardware: Hardware, inertia: np.ndarray, limit: np.ndarray, dt: float
-) -> tuple[float, str, str]:
-    """H [s], its rule and what was active; inertia max M_ii and limit, the effort limit, (nv,)."""
+) -> tuple[np.ndarray, str, str]:
+    """H (nv,) [s], its rule and what was active; inertia max M_ii and limit, the effort limit, (nv,)."""
     late = MARGIN / DELAY_MARGIN * (hardware.delay + dt / 2) if hardware.delay else 0.0
     lag = LAG_MARGIN * hardware.velocity_lag
     allowed = inertia / (NOISE_SHARE * limit)
+    # Half a step more than the step itself leaves a law room for an inertia that it takes for 1.5 times too
+    # large.
     choices = {
-        "sampling": dt,
-        "delay and lag" if late and lag else "delay" if late else "velocity lag": late + lag,
-        "velocity noise": float(np.max(allowed * hardware.velocity_noise)),
-        "position noise": float(np.max(np.sqrt(allowed * hardware.position_noise))),
+        "sampling": np.full(len(inertia), 1.3 * dt),
+        "delay and lag" if late and lag else "delay" if late else "velocity lag": np.full(
+            len(inertia), late + lag
+        ),
+        "velocity noise": allowed * hardware.velocity_noise,
+        "position noise": np.sqrt(allowed * hardware.position_noise),
     }
-    active = max(choices, key=lambda name: choices[name])
+    names = list(choices)
+    longest = np.argmax(list(choices.values()), axis=0)
+    active = ", ".join(dict.fromkeys(names[k] for k in longest))
     rule = (
-        f"max(dt, {MARGIN / DELAY_MARGIN:.1f} (delay + dt/2) + {LAG_MARGIN:g} lag, "
+        f"max(1.3 dt, {MARGIN / DELAY_MARGIN:.1f} (delay + dt/2) + {LAG_MARGIN:g} lag, "
         f"max M s_v / ({NOISE_SHARE:g} effort), max sqrt(M s_q / ({NOISE_SHARE:g} effort))): "
         "the law's slopes near rest are M/H and M/H^2"
     )
-    return choices[active], rule, active
+    return np.max(list(choices.values()), axis=0), rule, active
 
 
 def choose_floor(
@@ -87,29 +90,21 @@ def choose_floor(
     hardware: Hardware,
     postures: Sequence[np.ndarray],
     row_weight: np.ndarray,
-    filters: tuple[float, float, float],
+    pole: float,
 ) -> tuple[float, str, str]:
-    """xi, its rule and what was active; filters: pole, alpha and beta [1/s] of the estimator.
+    """The length of a row of Omega that is noise, its rule and what was active.
 
-    White noise s_v passes the force balance's filter as pole M_k s_v, and accumulates
-    alpha/beta |row_weight pole M_k s_v|^2 in gravity parameter k while the arm rests. The median over the
-    parameters counts: one whose gravity is dust (so_arm101's first joint stands upright but for the last
-    digit of its URDF) is scaled up a million times and says nothing of the others.
+    White noise s_v passes the force balance's filter as pole M_k s_v in the row of joint i, weighted by
+    row_weight.
     """
-    pole, alpha, beta = filters
-    robot, noise = regressors.robot, np.broadcast_to(hardware.velocity_noise, regressors.robot.nv)
-    information = np.zeros(regressors.n_potential)
+    noise = np.broadcast_to(hardware.velocity_noise, regressors.robot.nv)
+    square = 0.0
     for q in postures:
+        rows = np.zeros((regressors.robot.nv, len(regressors)))
         for joint in np.flatnonzero(noise):
-            v = np.zeros(robot.nv)
+            v = np.zeros(regressors.robot.nv)
             v[joint] = noise[joint]
-            momentum = regressors.momentum(q, v)[:, len(regressors) - regressors.n_potential :]
-            information += np.sum((row_weight[:, None] * pole * momentum) ** 2, axis=0) / len(postures)
-    rest = alpha / beta * float(np.median(information)) if len(information) else 0.0
-    wanted = NOISE_GATE / rest if rest else np.inf
-    rule = (
-        f"{NOISE_GATE:g} / (what noise accumulates in a resting arm), from {LEAST_XI:g} to {QUIET_XI:g}: "
-        "the information floor 1/xi"
-    )
-    active = "no noise" if not rest else "noise" if LEAST_XI < wanted < QUIET_XI else "range"
-    return float(np.clip(wanted, LEAST_XI, QUIET_XI)), rule, active
+            rows += (row_weight[:, None] * pole * regressors.momentum(q, v)) ** 2
+        square += float(np.median(rows.sum(axis=1))) / len(postures)
+    rule = f"{FLOOR_DEVIATIONS:g} times what noise of the velocity makes of a row"
+    return FLOOR_DEVIATIONS * float(np.sqrt(square)), rule, "noise" if square else "no noise"

@@ -10,15 +10,18 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.control.blocks import CovarianceBlock, RegressionBlock
 from eladapt.control.gains import derive_sliding_gains
-from eladapt.errors import require_gain, require_number, require_vector
+from eladapt.control.starting import starting_parameters
+from eladapt.errors import require_gain, require_number
 from eladapt.estimation.excitation import IntervalExcitation
 from eladapt.estimation.extensions import Information, LeastSquares
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
+from eladapt.robot.protocols import Goal
 from eladapt.signals import Measurement, Regression
 
 
@@ -39,7 +42,7 @@ class SlotineLiState(NamedTuple):
         return IntervalExcitation.level(self.excited)
 
 
-class Reference(NamedTuple):
+class SlidingReference(NamedTuple):
     """The sliding variable and the reference motion that it measures the distance from."""
 
     s: np.ndarray  # (nv,)
@@ -47,9 +50,9 @@ class Reference(NamedTuple):
     ar: np.ndarray  # (nv,)
 
 
-def linear_reference(e1: np.ndarray, e2: np.ndarray, K2: np.ndarray) -> Reference:
+def linear_reference(e1: np.ndarray, e2: np.ndarray, K2: np.ndarray) -> SlidingReference:
     """s = e2 + K2 e1, vr = -K2 e1, ar = -K2 e2 (AsymptoticAC)."""
-    return Reference(e2 + K2 * e1, -K2 * e1, -K2 * e2)
+    return SlidingReference(e2 + K2 * e1, -K2 * e1, -K2 * e2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +95,27 @@ class SlotineLi:
     def robot(self) -> Robot:
         return self.regressors.robot
 
-    def init(self, measurement: Measurement, theta0: np.ndarray | None = None) -> SlotineLiState:
-        """Filters at rest, theta = theta0 (l,), or zero."""
-        size = len(self.regressors)
-        theta = np.zeros(size) if theta0 is None else require_vector("theta0", theta0, size)
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return self.regressors.labels
+
+    def recorded(self, state: SlotineLiState) -> dict[str, Any]:
+        """The whole estimate, and the level of what was excited where it is tracked."""
+        j = self.regressors.n_potential
+        kept = {"parameters": state.theta, "theta": state.theta[len(state.theta) - j :]}
+        return kept | {"level": state.level} if self.track else kept
+
+    def reviewed(self, state: SlotineLiState, frame: str | None) -> dict[str, np.ndarray]:
+        """Nothing."""
+        return {}
+
+    def true_parameters(self, model: pin.Model) -> np.ndarray:
+        """(l,) on an arm with this model. Raises ArgumentError for one with other joints."""
+        return self.regressors.theta_of(model)
+
+    def init(self, measurement: Measurement, theta0: str | np.ndarray | None = None) -> SlotineLiState:
+        """Filters at rest. theta0: "urdf", "zero" (also None), (l,), or (n_potential,) gravity's alone."""
+        size, theta = len(self.regressors), starting_parameters(theta0, self.regressors)
         filters = self.regression.init(measurement)
         regression = Regression(filters.y, filters.omega)
         information = self.extension.init(size)
@@ -105,10 +125,14 @@ class SlotineLi:
         )  # fmt: skip
 
     def step(
-        self, state: SlotineLiState, measurement: Measurement, goal: np.ndarray, dt: float
+        self, state: SlotineLiState, measurement: Measurement, goal: Goal, dt: float
     ) -> tuple[SlotineLiState, np.ndarray]:
-        """The state at ``measurement`` from the one dt [s] earlier, and the torque (nv,) there."""
+        """The state at ``measurement`` from the one dt [s] earlier, and the torque (nv,) there.
+
+        For a goal that moves s, vr and ar are those of v - v_d, as Slotine and Li have it.
+        """
         self.robot.check_measurement(measurement)
+        goal = self.robot.check_goal(goal)
         if measurement.t > state.measurement.t:
             theta = state.theta + dt * state.theta_rate
             excited = state.excited
@@ -121,8 +145,9 @@ class SlotineLi:
                 excited=excited,
             )  # fmt: skip
         _, q, v, _ = measurement
-        s, vr, ar = linear_reference(self.robot.difference(goal, q), v, np.asarray(self.K2))
-        regressor = self.regressors.slotine_li(q, v, vr, ar)
+        e1, e2 = self.robot.difference(goal.q, q), v - goal.v
+        s, vr, ar = linear_reference(e1, e2, np.asarray(self.K2))
+        regressor = self.regressors.slotine_li(q, v, goal.v + vr, goal.a + ar)
         y, omega = state.regression
         covariance = self.extension.covariance(state.information)
         prediction_error = omega @ state.theta - y

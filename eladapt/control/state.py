@@ -7,21 +7,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eladapt.estimation.change import Change
-from eladapt.estimation.excitation import Excitation
-from eladapt.estimation.friction import CompensationState
-from eladapt.signals import Measurement, MixedRegression, Regression
+from eladapt.signals import Measurement, Regression
 
 
 class ControllerState(NamedTuple):
     """Everything that the controller remembers; arrays and NamedTuples of arrays only."""
 
     measurement: Measurement  # the last one seen
-    theta: np.ndarray  # (n_potential,) estimate of theta_U
+    parameters: np.ndarray  # (l,) estimate of the whole theta
+    n_potential: int  # how many of them, the last ones, are theta_U
     filters: Any  # of the regression block
     regression: Regression
     information: Any  # of the extension block
-    mixed: MixedRegression
-    excitation: Excitation
     change: Change | None = None  # what the detector noticed
-    compensation: CompensationState | None = None  # what is fed forward against friction
-    disturbance: np.ndarray | None = None  # (nv,) [N m] what the law's prediction lacks
+    disturbance: np.ndarray | None = None  # (nv,) [N m] what neither theta nor the control law explains
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(n_potential,) estimate of theta_U, the last block of `parameters`."""
+        return self.parameters[len(self.parameters) - self.n_potential :]
+
+    def __repr__(self) -> str:
+        known = f"{len(self.parameters)} parameters, {self.n_potential} of gravity"
+        return f"ControllerState(t = {self.measurement.t:.6g} s, {known})"

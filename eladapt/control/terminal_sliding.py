@@ -11,16 +11,19 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.control.blocks import ExtensionBlock, RegressionBlock
 from eladapt.control.gains import derive_sliding_gains
 from eladapt.control.proximal import signed_power
-from eladapt.control.slotine_li import Reference, linear_reference
-from eladapt.errors import require_gain, require_number, require_vector
+from eladapt.control.slotine_li import SlidingReference, linear_reference
+from eladapt.control.starting import starting_parameters
+from eladapt.errors import require_gain, require_number
 from eladapt.estimation.extensions import Kreisselmeier
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
+from eladapt.robot.protocols import Goal
 from eladapt.signals import Measurement, Regression
 
 
@@ -106,10 +109,27 @@ class TerminalSliding:
     def robot(self) -> Robot:
         return self.regressors.robot
 
-    def init(self, measurement: Measurement, theta0: np.ndarray | None = None) -> TerminalSlidingState:
-        """Filters at rest, theta = theta0 (l,), or zero."""
-        size = len(self.regressors)
-        theta = np.zeros(size) if theta0 is None else require_vector("theta0", theta0, size)
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return self.regressors.labels
+
+    def recorded(self, state: TerminalSlidingState) -> dict[str, Any]:
+        """The whole estimate and the smallest eigenvalue of Phi_2."""
+        j = self.regressors.n_potential
+        kept = {"parameters": state.theta, "theta": state.theta[len(state.theta) - j :]}
+        return kept | {"level": state.level}
+
+    def reviewed(self, state: TerminalSlidingState, frame: str | None) -> dict[str, np.ndarray]:
+        """Nothing."""
+        return {}
+
+    def true_parameters(self, model: pin.Model) -> np.ndarray:
+        """(l,) on an arm with this model. Raises ArgumentError for one with other joints."""
+        return self.regressors.theta_of(model)
+
+    def init(self, measurement: Measurement, theta0: str | np.ndarray | None = None) -> TerminalSlidingState:
+        """Filters at rest. theta0: "urdf", "zero" (also None), (l,), or (n_potential,) gravity's alone."""
+        size, theta = len(self.regressors), starting_parameters(theta0, self.regressors)
         filters = self.regression.init(measurement)
         regression = Regression(filters.y, filters.omega)
         information = self.extension.init(size)
@@ -118,10 +138,14 @@ class TerminalSliding:
         )
 
     def step(
-        self, state: TerminalSlidingState, measurement: Measurement, goal: np.ndarray, dt: float
+        self, state: TerminalSlidingState, measurement: Measurement, goal: Goal, dt: float
     ) -> tuple[TerminalSlidingState, np.ndarray]:
-        """The state at ``measurement`` from the one dt [s] earlier, and the torque (nv,) there."""
+        """The state at ``measurement`` from the one dt [s] earlier, and the torque (nv,) there.
+
+        Of a goal that moves only q_d is used: the scheme is one for set-points.
+        """
         self.robot.check_measurement(measurement)
+        target = self.robot.check_goal(goal).q
         if measurement.t > state.measurement.t:
             theta = state.theta + dt * state.theta_rate
             filters, regression = self.regression.step(state.filters, measurement, dt)
@@ -130,7 +154,7 @@ class TerminalSliding:
                 theta=theta, filters=filters, regression=regression, information=information
             )
         _, q, v, _ = measurement
-        e1 = self.robot.difference(goal, q)
+        e1 = self.robot.difference(target, q)
         terminal = self.region(q, e1, v) <= 0
         s, vr, ar = (
             self.terminal_reference(e1, v) if terminal else linear_reference(e1, v, np.asarray(self.K2))
@@ -150,11 +174,11 @@ class TerminalSliding:
         surface = self.K2 * signed_power(e1, self.a)
         return float(e2 @ mass_matrix @ e2 - np.linalg.eigvalsh(mass_matrix)[-1] * (surface @ surface))
 
-    def terminal_reference(self, e1: np.ndarray, e2: np.ndarray) -> Reference:
+    def terminal_reference(self, e1: np.ndarray, e2: np.ndarray) -> SlidingReference:
         """s = e2 + K2 |e1|^a, vr = -K2 |e1|^a, ar = -a K2 max(|e1|, floor)^(a-1) e2 (stsmvar)."""
         surface = self.K2 * signed_power(e1, self.a)
         steepness = self.a * self.K2 * np.maximum(np.abs(e1), self.floor) ** (self.a - 1)
-        return Reference(e2 + surface, -surface, -steepness * e2)
+        return SlidingReference(e2 + surface, -surface, -steepness * e2)
 
 
 def unit(x: np.ndarray) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""Plots of a record, and its motion in three dimensions."""
+"""What happened in a run, on paper and on a page: plots, charts, tables, the report."""

@@ -52,7 +52,7 @@ def motion(record: Record) -> list[Any]:
 
 
 def learning(record: Record) -> list[Any]:
-    """Estimates with true values and bounds, their errors, Delta and gates, and the load."""
+    """Estimates with true values and bounds, their errors, Delta and gates or what is known, and the load."""
     t, x, charts = record.t, _time(record), []
     size = record.theta.shape[1]
     numbers = [f"θ{number}" for number in range(1, size + 1)]
@@ -73,7 +73,7 @@ def learning(record: Record) -> list[Any]:
             error = chart(f"distance of θ from {true}", "|θ - true| [N m]", x, log=True)
             lines(error, t, np.abs(record.theta_error), numbers, log=True)
             charts.append(error)
-    if width := record.delta.shape[1]:
+    if record.delta is not None and record.zeta is not None and (width := record.delta.shape[1]):
         ways = [f"{number}" for number in range(1, width + 1)]
         each = ", by direction" if width > 1 else ""
         delta = chart(f"excitation Δ{each}, logarithmic", "Δ [-]", x, log=True)
@@ -81,6 +81,12 @@ def learning(record: Record) -> list[Any]:
         gates = chart(f"gates ζ{each}", "ζ [-]", x)
         lines(gates, t, record.zeta, ways)
         charts += [delta, gates]
+    elif record.excitation is not None and record.excitation.shape[1] > 1:
+        known = chart("known of gravity, by direction", "eigenvalues of Φ [-]", x)
+        ways = [f"{number}" for number in range(1, record.excitation.shape[1])]
+        lines(known, record.excitation[:, 0], record.excitation[:, 1:], ways)
+        known.y_range = Range1d(-0.05, 1.05)
+        charts.append(known)
     if record.carried is not None and len(record.carried):
         mass = chart("load, as estimated", "mass [kg]", x)
         lines(mass, record.carried[:, 0], record.carried[:, 1:2], ["mass"])
@@ -168,7 +174,7 @@ def bounds_of(record: Record) -> np.ndarray | None:
     """(j, 2) the bounds that the adaptation law keeps, if it was given any."""
     law = _within(_within(record.configuration, "controller"), "law")
     given = _within(law, "bounds")
-    if given is None:
+    if given is None or isinstance(given, str):  # a text stands for more numbers than a record keeps
         return None
     bounds = np.asarray(given, dtype=float)
     if bounds.ndim < 2:

@@ -26,6 +26,7 @@ STYLE: Any = {
 }  # fmt: skip
 DASHES = ("-", (0, (6, 1.5)), (0, (5, 1.2, 1, 1.2)), (0, (2, 1)), (0, (7, 1, 1, 1, 1, 1)))
 MOST_NUMBERS = 14  # estimates that are numbered at their right end
+NEAR = 0.5  # of a limit: from there on it is drawn
 LONGEST_LABEL = 84  # characters
 
 
@@ -36,6 +37,7 @@ class _Panel(NamedTuple):
     unit: str
     draw: Callable[[Axes, Record], None]
     mark: Callable[[Axes, Record], None] | None = None
+    learnt: bool = False  # what was learnt, rather than how the arm moved
 
 
 def plot(
@@ -44,10 +46,11 @@ def plot(
     """Draw one record, or several side by side on common axes, and save the figure if ``path`` is given.
 
     path: ends in .png, .pdf or .svg. labels: a heading for each record, instead of its title.
-    Panels: errors on a linear and a logarithmic axis (arrival in finite time is a vertical drop),
-    velocities, torques with those limits that are near, estimates with the true values dashed, the
-    errors of the estimates, Delta and the gates zeta. Estimates are in N m with the default,
-    scaled regressors, and in the unit of the basis otherwise.
+    Panels: positions where the goal moves, with the goal dashed; errors on a linear and a logarithmic axis
+    (arrival in finite time is a vertical drop); velocities and torques with those limits that are near;
+    estimates of gravity with the true values dashed, and their errors; Delta and the gates zeta where the
+    law has them, and otherwise how much of gravity is known, direction by direction. Estimates are in N m
+    with the default, scaled regressors, and in the unit of the basis otherwise.
     Raises ArgumentError for another suffix, and for labels that are not one a record.
     """
     several = (records,) if isinstance(records, Record) else tuple(records)
@@ -69,11 +72,14 @@ def plot(
 def _alone(record: Record, heading: str) -> Figure:
     """Two columns: the motion on the left, what was learnt on the right."""
     panels = _panels([record])
-    rows = -(-len(panels) // 2)
+    motion, learnt = ([p for p in panels if p.learnt == kind] for kind in (False, True))
+    if not learnt:  # then the motion has both columns
+        motion, learnt = motion[: -(-len(motion) // 2)], motion[-(-len(motion) // 2) :]
+    rows = max(len(motion), len(learnt))
     height = 2.2 * rows + 0.9 + 0.08 * record.theta.shape[1]
     figure = Figure(figsize=(11, height), layout="constrained")
     grid = figure.subplots(rows, 2, sharex=True)
-    for column, shown in zip(grid.T, (panels[:rows], panels[rows:]), strict=True):
+    for column, shown in zip(grid.T, (motion, learnt), strict=True):
         for axes, panel in itertools.zip_longest(column, shown):
             if panel is None:
                 axes.remove()
@@ -105,24 +111,31 @@ def _compared(records: Sequence[Record], headings: Sequence[str]) -> Figure:
 
 def _panels(records: Iterable[Record]) -> list[_Panel]:
     """The panels for which at least one record has data."""
+    records = list(records)
+    moving = any(record.goal_velocity is not None for record in records)
     panels = [
         _Panel("position error", "rad", lambda axes, record: _curves(axes, record.t, record.error)),
         _Panel("size of the position error", "rad", _arrival),
-        _Panel("velocity", "rad/s", lambda axes, record: _curves(axes, record.t, record.v)),
-        _Panel("torque", "N m", lambda axes, record: _curves(axes, record.t, record.tau), _limits),
+        _Panel("velocity, goal dashed" if moving else "velocity", "rad/s", _velocities, _speed_limits),
+        _Panel("torque", "N m", lambda axes, record: _curves(axes, record.t, record.tau), _torque_limits),
     ]
+    if moving and all(map(_has_angles, records)):
+        panels.insert(0, _Panel("position, goal dashed", "rad", _positions))
     if any(record.theta.shape[1] for record in records):
-        panels.append(_Panel("estimates, true values dashed", "N m", _estimates, _numbers))
+        panels.append(_Panel("estimates, true values dashed", "N m", _estimates, _numbers, True))
         if any(record.theta_true is not None for record in records):
-            panels.append(_Panel("size of the estimates' errors", "N m", _estimation_errors))
-    if any(record.delta.shape[1] for record in records):
-        panels += [
-            _Panel(
-                r"excitation $\Delta$", "-", lambda axes, record: _logarithmic(axes, record.t, record.delta)
-            ),
-            _Panel(r"gates $\zeta$", "-", lambda axes, record: _curves(axes, record.t, record.zeta)),
-        ]
+            panels.append(_Panel("size of the estimates' errors", "N m", _estimation_errors, learnt=True))
+    if any(record.zeta is not None and record.zeta.shape[1] for record in records):
+        panels.append(_Panel(r"excitation $\Delta$", "-", _delta, learnt=True))
+        panels.append(_Panel(r"gates $\zeta$", "-", _gates, learnt=True))
+    elif any(record.excitation is not None and record.excitation.shape[1] > 1 for record in records):
+        panels.append(_Panel("known of gravity, by direction", "-", _excitation, learnt=True))
     return panels
+
+
+def _has_angles(record: Record) -> bool:
+    """Whether q is the joints' coordinates, as it is but for continuous joints."""
+    return record.q.shape == record.v.shape
 
 
 def _draw(row: Sequence[Axes], panel: _Panel, records: Sequence[Record]) -> None:
@@ -134,6 +147,40 @@ def _draw(row: Sequence[Axes], panel: _Panel, records: Sequence[Record]) -> None
         row[0].set_ylim(*row[0].get_ylim())
         for axes, record in zip(row, records, strict=True):
             panel.mark(axes, record)
+
+
+def _positions(axes: Axes, record: Record) -> None:
+    _curves(axes, record.t, record.q)
+    _dashed(axes, record.t, record.goal)
+
+
+def _velocities(axes: Axes, record: Record) -> None:
+    _curves(axes, record.t, record.v)
+    if record.goal_velocity is not None:
+        _dashed(axes, record.t, record.goal_velocity)
+
+
+def _delta(axes: Axes, record: Record) -> None:
+    if record.delta is None:
+        _nothing(axes)
+    else:
+        _logarithmic(axes, record.t, record.delta)
+
+
+def _gates(axes: Axes, record: Record) -> None:
+    if record.zeta is None:
+        _nothing(axes)
+    else:
+        _curves(axes, record.t, record.zeta)
+
+
+def _excitation(axes: Axes, record: Record) -> None:
+    """Eigenvalues of Phi, 0 where nothing is known and 1 where all is."""
+    if record.excitation is None:
+        _nothing(axes)
+    else:
+        _curves(axes, record.excitation[:, 0], record.excitation[:, 1:])
+    axes.set_ylim(-0.05, 1.05)
 
 
 def _arrival(axes: Axes, record: Record) -> None:
@@ -150,15 +197,27 @@ def _arrival(axes: Axes, record: Record) -> None:
         ).set_in_layout(False)  # fmt: skip
 
 
-def _limits(axes: Axes, record: Record) -> None:
-    """The torque limits that lie within the range of the torques."""
-    low, high = axes.get_ylim()
-    for limit in {*record.effort_limit, *-record.effort_limit}:
-        if low <= limit <= high:
-            joints = np.flatnonzero(record.effort_limit == abs(limit)) + 1
-            axes.axhline(limit, color="0.3", linestyle=(0, (8, 4)), linewidth=0.8)
+def _speed_limits(axes: Axes, record: Record) -> None:
+    _limits(axes, record.v, record.velocity_limit)
+
+
+def _torque_limits(axes: Axes, record: Record) -> None:
+    _limits(axes, record.tau, record.effort_limit)
+
+
+def _limits(axes: Axes, values: np.ndarray, limits: np.ndarray) -> None:
+    """The limits (nv,), up or down, of those joints whose own values (N, nv) come near them."""
+    high, low = (np.nan_to_num(bound(values, axis=0, initial=0.0)) for bound in (np.nanmax, np.nanmin))
+    for sign, farthest in ((1, high), (-1, -low)):
+        near = farthest >= NEAR * limits
+        for limit in sorted(set(limits[near])):
+            joints = np.flatnonzero(near & (limits == limit)) + 1
+            axes.axhline(sign * limit, color="0.3", linestyle=(0, (8, 4)), linewidth=0.8)
+            bottom, top = axes.get_ylim()
+            axes.set_ylim(min(bottom, -1.1 * limit) if sign < 0 else bottom,
+                          max(top, 1.1 * limit) if sign > 0 else top)  # fmt: skip
             axes.annotate(
-                f"limit of joint {', '.join(map(str, joints))}", (0.995, limit),
+                f"limit of joint {', '.join(map(str, joints))}", (0.995, sign * limit),
                 xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7, color="0.3",
             )  # fmt: skip
 
@@ -196,14 +255,23 @@ def _numbers(axes: Axes, record: Record) -> None:
 
 def _estimation_errors(axes: Axes, record: Record) -> None:
     if record.theta_true is None:
-        axes.annotate("true values unknown", (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
+        _nothing(axes, "true values unknown")
     else:
         _logarithmic(axes, record.t, record.theta_error, linestyle="-")
+
+
+def _nothing(axes: Axes, why: str = "not recorded") -> None:
+    axes.annotate(why, (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
 
 
 def _curves(axes: Axes, t: np.ndarray, values: np.ndarray, **changes: Any) -> None:
     for index, column in enumerate(values.T):
         axes.plot(*reduced(t, column), **{**_look(index), **changes})
+
+
+def _dashed(axes: Axes, t: np.ndarray, values: np.ndarray) -> None:
+    """What should be, thin and dashed, in the colours of what is."""
+    _curves(axes, t, values, linestyle=(0, (4, 3)), linewidth=0.8)
 
 
 def _logarithmic(axes: Axes, t: np.ndarray, values: np.ndarray, **changes: Any) -> None:

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from eladapt.display import tables
-from eladapt.display.page import POLICY
-from eladapt.display.viewer import page_of
 from eladapt.errors import ArgumentError, EladaptError
 from eladapt.files import atomic_write
 from eladapt.records.record import Record
+from eladapt.viewing.page import POLICY
+from eladapt.viewing.viewer import page_of
 
 try:
     from bokeh.embed import file_html

@@ -32,14 +32,16 @@ METRICS = (
 
 def metrics(records: Sequence[Record], labels: Sequence[str]) -> str:
     """Figures of merit, a row a record."""
-    head = ["run", *(f"{name} [{unit}]" for name, unit in METRICS), "largest share of a torque limit"]
+    shares = ["largest share of a torque limit", "of a speed limit"]
+    head = ["run", *(f"{name} [{unit}]" for name, unit in METRICS), *shares]
     rows = []
     for label, record in zip(labels, records, strict=True):
         with np.errstate(invalid="ignore"):
             share = np.nanmax(np.abs(record.tau) / record.effort_limit, initial=0.0)
         found = record.metrics()
-        figures = ["never" if np.isposinf(value) else figure(value) for value in found]
-        rows.append([label, *figures, f"{share:.0%}" if share else "no limits"])
+        figures = ["never" if np.isposinf(value) else figure(value) for value in found[: len(METRICS)]]
+        speed = "no limits" if math.isnan(found.peak_speed) else f"{found.peak_speed:.0%}"
+        rows.append([label, *figures, f"{share:.0%}" if share else "no limits", speed])
     return table(head, rows, numbers=range(1, len(head)))
 
 
@@ -54,6 +56,7 @@ def setup(record: Record) -> str:
         ["locked joints", ", ".join(robot.locked) or "none"],
         ["URDF", robot.path.name],
         ["torque limits [N m]", _vector(record.effort_limit)],
+        ["speed limits [rad/s]", _vector(record.velocity_limit)],
         ["start [rad]", _vector(robot.coordinates(record.q[0]))],
         ["set-point [rad]", goal],
         ["samples", f"{len(record)} at steps of {record.dt:g} s"],
@@ -74,7 +77,9 @@ def gains(record: Record) -> str:
     rules = (controller.get("gains") or {}).get("rules") if isinstance(controller, Mapping) else None
     if rules:
         head = ["gain", "value, by joint where there are several", "rule", "what limited it"]
-        return table(head, [[str(cell) for cell in rule] for rule in rules])
+        return table(
+            head, [[str(rule[name]) for name in ("gain", "value", "rule", "active")] for rule in rules]
+        )
     rows = [[name, json.dumps(value)] for name, value in sorted(_leaves(controller)) if name != "class"]
     return "<p>These gains were given, not derived.</p>" + table(["gain", "value"], rows)
 
@@ -154,7 +159,7 @@ def _class(value: Any) -> str:
     if not isinstance(value, Mapping):
         return str(value)
     parts = [p["class"] for p in value.values() if isinstance(p, Mapping) and "class" in p]
-    parts = [part for part in parts if part != "Gains"]
+    parts = [part for part in parts if part not in ("Gains", "Regressors", "Robot")]
     return f"{value.get('class', 'unknown')}: {', '.join(parts)}" if parts else value.get("class", "unknown")
 
 
@@ -184,7 +189,7 @@ def _seeds(plant: Mapping[str, Any]) -> str:
 def _leaves(value: Any, path: str = "") -> Iterable[tuple[str, Any]]:
     if isinstance(value, Mapping):
         for name, part in value.items():
-            if name != "class":
+            if name not in ("class", "regressors", "robot"):  # the arm's own, not the controller's
                 yield from _leaves(part, f"{path}.{name}" if path else name)
     elif value is not None:
         yield path, value

@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from eladapt.batches import aligned, batch_first, batch_last, with_axes
 from eladapt.errors import ArgumentError, require_gain, require_number
+from eladapt.estimation import kernels
 from eladapt.estimation.excitation import zeta_1
-from eladapt.estimation.triangle import kernels, many_kernels
 from eladapt.signals import MixedRegression
 
 
 @dataclass(frozen=True)
 class CompositeLaw:
-    """theta_U' = -Gamma Psi' [gamma1 d1 tanh(e1) + (gamma1 + gamma2) e2]
-                  - (gamma1 + gamma2) Gamma Upsilon f(Delta) Xi                             (318)
+    """theta' = -Gamma W' [gamma1 d1 tanh(e1) + (gamma1 + gamma2) e2]
+                - (gamma1 + gamma2) Gamma Upsilon f(Delta) Xi                               (318)
 
-    With c = b, f(Delta) Xi = zeta_1(Delta) |theta - theta_LS|^b sign: the second term is integrated by
-    its exact flow about theta_LS, so that it arrives and stays there whatever dt is.
+    W is the regressor of the torque that is fed forward, Psi of gravity at a set-point. The second term, the
+    indirect one, is integrated so that it arrives and stays there whatever dt is. With a scalar mixing it is
+    the paper's, f(Delta) Xi = zeta_1(Delta) |theta - theta_LS|^b sign for c = b, parameter by parameter and
+    by its exact flow; unmixed it is the vector r / |r|^(1 - b), r = Y - Phi theta, over min(1, rate dt /
+    |r|^(1 - b)) of the way.
 
-    gamma1, gamma2 >= 0 (one of them positive), d1 >= 0; Gamma, Upsilon: scalar or (n_potential,)
-    diagonal, Gamma in units of theta^2/J; b, d: exponents of (fphi) and (329), 0 < b <= 1, d > 0.
-    bounds: known |theta_U| bounds, scalar or (n_potential,), or (n_potential, 2) intervals; the
-    estimate is projected on them (Assumption 1). direct, indirect: which of the two terms act.
-    compiled: by numba (extra ``fast``).
+    gamma1, gamma2 >= 0 (one of them positive), d1 >= 0; Gamma, Upsilon: scalar or (n_potential,) diagonal,
+    Gamma in units of theta^2/J, scalars where they serve more than theta_U; b, d: exponents of (fphi) and
+    (329), 0 < b <= 1, d > 0. bounds: known |theta_U| bounds, scalar or (n_potential,), or (n_potential, 2)
+    intervals; the estimate is projected on them (Assumption 1). direct, indirect: which of the two terms act.
     """
 
     gamma1: float = 0.3
@@ -40,7 +40,6 @@ class CompositeLaw:
     bounds: float | np.ndarray | None = None
     direct: bool = True
     indirect: bool = True
-    compiled: bool = False
 
     def __post_init__(self) -> None:
         for name in ("gamma1", "gamma2", "d1"):
@@ -59,109 +58,60 @@ class CompositeLaw:
 
     @property
     def scalar_rate(self) -> bool:
-        """Whether Gamma Upsilon is a multiple of the identity, as `Directional` mixing needs."""
+        """Whether Gamma Upsilon is a multiple of the identity, as a matrix gain needs."""
         rate = np.atleast_1d(np.asarray(self.Gamma) * np.asarray(self.Upsilon))
         return bool(np.all(rate == rate[0]))
 
-    @property
-    def rate(self) -> float | np.ndarray:
-        """(gamma1 + gamma2) Gamma Upsilon, before the gates."""
-        return (self.gamma1 + self.gamma2) * self.Gamma * self.Upsilon
+    @functools.cached_property
+    def rate(self) -> np.ndarray:
+        """(gamma1 + gamma2) Gamma Upsilon, scalar or (n_potential,), before any gate."""
+        return np.asarray((self.gamma1 + self.gamma2) * self.Gamma * self.Upsilon)
 
-    def step(
-        self,
-        theta: np.ndarray,
-        psi: np.ndarray,
-        e1: np.ndarray,
-        e2: np.ndarray,
-        mixed: MixedRegression,
-        dt: float,
-        gates: np.ndarray | None = None,
+    @functools.cached_property
+    def _direct_gains(self) -> tuple[float, float, np.ndarray]:
+        position, velocity = self.gamma1 * self.d1, self.gamma1 + self.gamma2
+        return position, velocity, np.reshape(self.Gamma, -1).astype(float)
+
+    @functools.cached_property
+    def _scalar_rate(self) -> float:
+        return float(np.reshape(self.rate, -1)[0])
+
+    def descend(
+        self, theta: np.ndarray, regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, dt: float
     ) -> np.ndarray:
-        """theta_U (j,) after dt [s]; psi (nv, j), e1, e2 (nv,), mixed over theta_U or over all.
-
-        gates: zeta_1 of mixed.delta, where it is known already. All arrays may have the same leading axes.
-        """
-        gates = zeta_1(mixed.delta, self.b, self.d) if gates is None else gates
-        if self.compiled and theta.ndim == 1:
-            theta = self._compiled_step(theta, psi, e1, e2, mixed, gates, dt)
-        elif self.compiled and np.ndim(mixed.delta) == theta.ndim and self.scalar_rate and theta.shape[-1]:
-            theta = self._step_together(theta, psi, e1, e2, mixed, gates, dt)
-        else:
-            if self.direct:
-                position, velocity = self.direct_factors
-                drive = position * np.tanh(e1) + velocity * e2
-                theta = theta - dt * self.Gamma * (drive[..., None, :] @ psi)[..., 0, :]
-            if self.indirect and theta.shape[-1]:
-                theta = self._towards(mixed, theta, gates, dt)
-        if self.bounds is not None:
-            theta = np.clip(theta, self.bounds[..., 0], self.bounds[..., 1])  # type: ignore[index]
-        return theta
-
-    @functools.cached_property
-    def direct_factors(self) -> tuple[float, float]:
-        """Of tanh(e1) and e2 in (318)."""
-        return (self.gamma1 * self.d1, self.gamma1 + self.gamma2) if self.direct else (0.0, 0.0)
-
-    @functools.cached_property
-    def vectors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Gamma and the rate, of one entry or of one a parameter."""
-        return np.reshape(self.Gamma, -1), np.reshape(self.rate * self.indirect, -1)
-
-    def _compiled_step(
-        self, theta: np.ndarray, psi: np.ndarray, e1: np.ndarray, e2: np.ndarray, mixed: MixedRegression,
-        gates: np.ndarray, dt: float,
-    ) -> np.ndarray:  # fmt: skip
-        delta = mixed.delta if np.ndim(mixed.delta) else np.full(1, mixed.delta)
-        gates = gates if gates.ndim else np.full(1, gates)
-        return kernels().adapt(
-            theta,
-            psi,
-            e1,
-            e2,
-            *self.direct_factors,
-            *self.vectors,
-            self.b,
-            mixed.Y,
-            delta,
-            gates,
-            mixed.basis,
-            dt,
-        )
-
-    def _step_together(
-        self, theta: np.ndarray, psi: np.ndarray, e1: np.ndarray, e2: np.ndarray, mixed: MixedRegression,
-        gates: np.ndarray, dt: float,
-    ) -> np.ndarray:  # fmt: skip
-        """`_compiled_step` of a batch with one delta for each direction."""
-        many, lead, (Gamma, rate) = many_kernels(), theta.shape[:-1], self.vectors
+        """The direct term over dt [s]: theta (l,); regressor W (nv, l); e1, e2 (nv,)."""
         if not self.direct:
-            psi, e1, e2 = np.zeros((0, theta.shape[-1])), np.zeros(0), np.zeros(0)
-        (nv, j), members = psi.shape[-2:], math.prod(lead)
-        psi = np.ascontiguousarray(with_axes(psi, 2, lead)).reshape(members, nv, j)
-        e1, e2 = (np.ascontiguousarray(with_axes(e, 1, lead)).reshape(members, nv) for e in (e1, e2))
-        last = [batch_last(np.asarray(a), 1, lead) for a in (theta, mixed.Y, mixed.delta, gates)]
-        basis = batch_last(mixed.basis, 2, lead)
-        adapted = aligned(basis.shape[1:])
-        many.all_adapt(
-            last[0], psi, e1, e2, *self.direct_factors, Gamma, float(rate[0]), self.b, *last[1:], basis, dt,
-            many.block_edges(basis.shape[-1]), adapted,
-        )  # fmt: skip
-        return batch_first(adapted, lead)
+            return theta
+        position, velocity, Gamma = self._direct_gains
+        if len(Gamma) not in (1, len(theta)):  # a diagonal for theta_U: nothing else is adapted
+            Gamma = np.concatenate([np.zeros(len(theta) - len(Gamma)), Gamma])
+        return kernels.direct_term(theta, regressor, e1, e2, position, velocity, Gamma, dt)
 
-    def _towards(self, mixed: MixedRegression, theta: np.ndarray, gates: np.ndarray, dt: float) -> np.ndarray:
-        """The indirect term's flow from theta, towards the least-squares estimate."""
-        directional = np.ndim(mixed.delta) == mixed.Y.ndim
-        delta = mixed.delta if directional else np.asarray(mixed.delta)[..., None]
-        gates = gates if directional else np.reshape(gates, np.shape(delta))
-        excited = delta > 0
-        estimate = mixed.Y / np.where(excited, delta, 1.0)  # Y is 0 where delta is
-        if directional:
-            error = (theta[..., None, :] @ mixed.basis)[..., 0, :] - estimate
-        else:
-            error = theta - estimate[..., -theta.shape[-1] :]
-        moved = np.where(excited, flow(error, self.rate * gates, self.b, dt) - error, 0.0)
-        return theta + ((mixed.basis @ moved[..., None])[..., 0] if directional else moved)
+    def arrive(self, theta: np.ndarray, error: np.ndarray, dt: float) -> np.ndarray:
+        """The indirect term over dt [s] along a vector error r (k,) = Y - Phi theta."""
+        return kernels.arrived(theta, error, self._scalar_rate, self.b, dt) if self.indirect else theta
+
+    def scalar_flow(self, theta: np.ndarray, mixed: MixedRegression, dt: float) -> np.ndarray:
+        """The indirect term over dt [s] with a scalar gain Delta: the last parameters of theta, as many as Y
+        has."""
+        delta, size = float(mixed.gain), len(mixed.Y)
+        if not self.indirect or not delta > 0 or not size:
+            return theta
+        start = len(theta) - size
+        rate = self.rate * zeta_1(delta, self.b, self.d)
+        if rate.ndim and len(rate) < size:  # of theta_U alone
+            rate = np.concatenate([np.zeros(size - len(rate)), rate])
+        estimate = mixed.Y / delta
+        moved = estimate + flow(theta[start:] - estimate, rate, self.b, dt)
+        return np.concatenate([theta[:start], moved])
+
+    def bounded(self, theta: np.ndarray, n_potential: int) -> np.ndarray:
+        """theta (l,) with theta_U, its last block, projected on the bounds."""
+        if self.bounds is None:
+            return theta
+        start = len(theta) - n_potential
+        low, high = self.bounds[..., 0], self.bounds[..., 1]  # type: ignore[index]
+        return np.concatenate([theta[:start], np.clip(theta[start:], low, high)])
 
 
 def flow(x: np.ndarray, rate: float | np.ndarray, b: float, dt: float) -> np.ndarray:

@@ -13,14 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from eladapt.errors import require_number
+from eladapt.estimation import kernels
 from eladapt.estimation.extensions import Information
+from eladapt.signals import Regression
+
+TOLD = 0.9  # of a row's direction, less the prior's part
 
 
 class Snapshot(NamedTuple):
     """What was known at a time."""
 
     t: float  # [s]
-    theta: np.ndarray  # (n_potential,)
+    parameters: np.ndarray  # (l,)
     information: Information
 
 
@@ -29,10 +33,8 @@ class Change(NamedTuple):
 
     noticed: int  # how many there were
     t: float  # [s] when the last one was; -inf before the first
-    steps: float  # since then, each counting as much as the information still remembers of it
     level: float  # mean square innovation in quiet times
-    theta_before: np.ndarray  # (n_potential,) estimate before the last one
-    information_before: Information
+    before: Snapshot  # what was known before the last one
     recent: Snapshot  # at most `margin` old
     trusted: Snapshot  # `margin` to twice that old: before a change that is being noticed
 
@@ -61,25 +63,44 @@ class ChangeDetector:
         for name in ("least", "factor", "memory", "pause", "margin"):
             object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
 
-    def init(self, information: Information, n_potential: int) -> Change:
+    def init(self, now: Snapshot) -> Change:
         """Nothing noticed yet."""
-        nothing = Snapshot(-np.inf, np.zeros(n_potential), information)
-        return Change(0, -np.inf, 0.0, 0.0, nothing.theta, information, nothing, nothing)
+        return Change(0, -np.inf, 0.0, now, now, now)
 
     def step(
-        self, change: Change, before: Information, after: Information, theta: np.ndarray, t: float, dt: float
+        self,
+        change: Change,
+        before: Snapshot,
+        after: Information,
+        regression: Regression,
+        t: float,
+        dt: float,
     ) -> Change:
-        """``noticed`` is one more when the step from ``before`` to ``after`` at time t [s] shows a change."""
+        """``noticed`` is one more when the rows that led to ``after`` at time t [s] show a change.
+
+        before: what was known a step of dt [s] earlier.
+        """
         square = after.innovation**2
+        if square > self.least**2:
+            square = surprise(before.information, regression, before.parameters)
         limit = max(self.least**2, self.factor**2 * change.level)
         if square > limit and t - change.t > self.pause:
-            _, known, seen = change.trusted
-            now = Snapshot(t, theta, after)
-            return Change(change.noticed + 1, t, 0.0, change.level, known, seen, now, now)
+            now = before._replace(t=t)
+            return Change(change.noticed + 1, t, change.level, change.trusted, now, now)
         level = change.level + min(1.0, dt / self.memory) * (min(square, limit) - change.level)
-        kept = after.prior / before.prior if before.prior > 0 else 1.0
-        recent, trusted = change.recent, change.trusted
-        if t - recent.t >= self.margin:
-            recent, trusted = Snapshot(t, theta, before), recent
-        known, seen, steps = change.theta_before, change.information_before, kept * change.steps + 1
-        return Change(change.noticed, change.t, steps, level, known, seen, recent, trusted)
+        if t - change.recent.t >= self.margin:
+            return change._replace(level=level, recent=before, trusted=change.recent)
+        return change._replace(level=level)
+
+
+def surprise(information: Information, regression: Regression, parameters: np.ndarray) -> float:
+    """Square of what the rows contradict the least-squares estimate by, where that is known.
+
+    The prior in the triangle is no knowledge: a row counts when the data tell `TOLD` of its direction.
+    """
+    y, omega = regression
+    told = kernels.told(information.triangle, information.prior, omega)
+    if not np.any(told > TOLD):
+        return 0.0
+    known = parameters + kernels.prediction_error(information.triangle, information.prior, parameters)
+    return float(np.sum(np.where(told > TOLD, y - omega @ known, 0.0) ** 2))

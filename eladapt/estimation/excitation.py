@@ -1,16 +1,15 @@
-"""How much has been excited: gates, their integrals, and interval excitation."""
+"""How much has been excited: the gates of a scalar mixing, and interval excitation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit, xlogy
 
+from eladapt.estimation import kernels
 from eladapt.estimation.extensions import Information, Kreisselmeier
-from eladapt.estimation.triangle import accumulate
-from eladapt.signals import MixedRegression, Regression
+from eladapt.signals import Regression
 
 
 def saturation(delta: float | np.ndarray, c: float, d: float) -> np.ndarray:
@@ -25,31 +24,6 @@ def zeta_1(delta: float | np.ndarray, b: float, d: float) -> np.ndarray:
     return size / (1 + size) if b + d == 1 else expit(xlogy(b + d, size))
 
 
-class Excitation(NamedTuple):
-    """What the adaptation law has seen: one entry, or one a direction."""
-
-    gates: np.ndarray  # (k,) zeta_1 now
-    integral: np.ndarray  # (k,) its integral [s]; (IELSDREM) asks for it to grow
-
-
-@dataclass(frozen=True)
-class GateMonitor:
-    """Integrates zeta_1 (476c), the quantity in which both finite-time propositions are stated."""
-
-    b: float = 0.5
-    d: float = 0.5
-
-    def init(self, size: int | tuple[int, ...]) -> Excitation:
-        """size: how many gates, (k,) or with leading axes (..., k)."""
-        return Excitation(np.zeros(size), np.zeros(size))
-
-    def step(self, excitation: Excitation, mixed: MixedRegression, dt: float) -> Excitation:
-        gates = zeta_1(mixed.delta, self.b, self.d)
-        if gates.shape != excitation.gates.shape:
-            gates = np.reshape(gates, excitation.gates.shape)
-        return Excitation(gates, excitation.integral + dt * gates)
-
-
 @dataclass(frozen=True)
 class IntervalExcitation:
     """The integral of Omega'Omega since the start (502), kept as a triangle."""
@@ -58,7 +32,9 @@ class IntervalExcitation:
         return Kreisselmeier().init(n_parameters)
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
-        return information._replace(triangle=accumulate(information.triangle, 1.0, dt, regression))
+        return information._replace(
+            triangle=kernels.updated(information.triangle, 1.0, dt, regression.omega, regression.y)[0]
+        )
 
     @staticmethod
     def level(information: Information) -> float:

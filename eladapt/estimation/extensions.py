@@ -1,103 +1,101 @@
 """Dynamic regressor extension: turns y = Omega theta into R theta = s, where R is square.
 
-Least squares with forgetting (443) and Kreisselmeier's extension (510) accumulate the same
-information, R' = -beta R + alpha Omega'Omega; they differ in how fast they forget and in what
-their gates are made of. The triangle of the QR factor is kept instead of R = T'T, since its error
-is the square root smaller (1e-13 against 1e-10 in theta_U).
+Least squares (443) and Kreisselmeier's extension (510) accumulate the same information, R' = -forgotten +
+alpha Omega'Omega; they differ in what they forget. The triangle of the QR factor is kept instead of its
+square, since its error is the square root smaller (1e-13 against 1e-10 in theta_U).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.batches import aligned, batch_first, batch_last, read_only, triangular
 from eladapt.errors import ArgumentError, require_number
-from eladapt.estimation.triangle import accumulate, kernels, least_eigenvalue, many_kernels
+from eladapt.estimation import kernels
 from eladapt.signals import Regression
 
-TINY = float(np.finfo(float).tiny)
 UNKNOWN = np.zeros(0)
 
 
 class Information(NamedTuple):
-    """What the excitation so far says about theta: ``T @ theta = t``, R = T'T, s = T't.
+    """What the excitation so far says about theta: T'T = prior I + R and T't = s, with R theta = s.
 
-    All arrays, and then ``innovation`` and ``prior`` too, may have leading axes: as many estimators at once.
-
-    An eigenvalue lambda of R opens the gate phi = lambda / (prior + saturation lambda): with least
-    squares that is an eigenvalue of Phi = I - z f0 F (488c), in [0, 1); with Kreisselmeier's
-    extension, of Phi_2 itself.
+    With least squares the triangle is that of F^-1 = z f0 I + R itself, so that Phi = I - prior F (488) and
+    Y = T^-1 t; with Kreisselmeier's extension there is no prior, Phi = R and Y = s (832).
     """
 
     triangle: np.ndarray  # (l + 1, l + 1) upper triangular, [T t; 0 residual]
-    prior: Any  # z f0 with least squares, 1 with Kreisselmeier
-    saturation: float  # 1 with least squares, 0 with Kreisselmeier
-    innovation: Any = 0.0  # size of what the last rows say that no theta fitting the old ones can
+    prior: float  # z f0 with least squares, 0 with Kreisselmeier's extension
+    innovation: float = 0.0  # size of what the last rows say that no theta fitting the old ones can
+    weight: float = 0.0  # of all rows that the residual remembers, alpha dt each
     weakest: np.ndarray = UNKNOWN  # (l,) direction that is known least, as far as it is known
+
+    def __repr__(self) -> str:
+        return f"Information({len(self.triangle) - 1} parameters, prior {self.prior:.3g})"
 
     @property
     def matrix(self) -> np.ndarray:
         """R (l, l)."""
-        return self.triangle[:-1, :-1].T @ self.triangle[:-1, :-1]
+        upper = self.triangle[:-1, :-1]
+        return upper.T @ upper - self.prior * np.eye(len(upper))
 
     @property
     def vector(self) -> np.ndarray:
         """s (l,)."""
         return self.triangle[:-1, :-1].T @ self.triangle[:-1, -1]
 
-    def gate(self, eigenvalue: np.ndarray) -> np.ndarray:
-        """phi of each eigenvalue (..., k)."""
-        prior = self.prior[..., None] if np.ndim(self.prior) else self.prior
-        return eigenvalue / (prior + self.saturation * eigenvalue)
+    @property
+    def variance(self) -> float:
+        """Mean square of what theta does not explain of a row; nan before the first."""
+        return float(self.triangle[-1, -1] ** 2 / self.weight) if self.weight > 0 else math.nan
 
 
 @dataclass(frozen=True)
 class Kreisselmeier:
     """Constant forgetting (510), exact in the pole.
 
-    forgetting: lambda_2 [1/s]. gain: lambda_3 [1/s]. compiled: by numba (extra ``fast``) instead of LAPACK.
+    forgetting: lambda_2 [1/s]. gain: lambda_3 [1/s].
     """
 
     forgetting: float = 1.0
     gain: float = 1.0
-    compiled: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "forgetting", require_number("forgetting (lambda_2)", self.forgetting, 0))
         object.__setattr__(self, "gain", require_number("gain (lambda_3)", self.gain, 0))
 
-    def init(self, n_parameters: int, lead: tuple[int, ...] = ()) -> Information:
-        """No information: Phi_1(0) = 0, Phi_2(0) = 0; lead: leading axes, for as many estimators at once."""
-        return _nothing(n_parameters, lead, 1.0, 0.0, self.compiled)
+    def init(self, n_parameters: int) -> Information:
+        """No information: Phi_1(0) = 0, Phi_2(0) = 0."""
+        return Information(np.zeros((n_parameters + 1, n_parameters + 1)), 0.0)
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
         """Forget over dt [s] and add the regression held over it."""
         kept = math.exp(-self.forgetting * dt)
         weight = self.gain * (1 - kept) / self.forgetting
-        triangle = accumulate(information.triangle, kept, weight, regression, self.compiled)
-        innovation = _innovation(information.triangle, triangle, kept, weight)
-        return information._replace(triangle=triangle, innovation=innovation)
+        triangle, innovation = kernels.updated(
+            information.triangle, kept, weight, regression.omega, regression.y
+        )
+        rows = kept * information.weight + weight * len(regression.y)
+        return Information(triangle, 0.0, innovation, rows)
 
 
 @dataclass(frozen=True)
 class LeastSquares:
     """Least squares with bounded forgetting (443): F^-1 = z f0 I + R, rho - z f0 F rho_0 = F s.
 
-    alpha [1/s]: gain. beta [1/s]: beta_0, the forgetting rate when information abounds; the rate
-    is beta_0 (1 - ||F|| / xi), so that no direction is known less than 1/xi. xi >= 1/f0 is the only
-    information floor: put it above what the noise accumulates. f0: initial information.
-    compiled: by numba (extra ``fast``) instead of LAPACK.
+    alpha [1/s]: gain. beta [1/s]: beta_0, the forgetting rate when information abounds; the rate is beta_0 (1
+    - ||F|| / xi), so that no direction is known less than 1/xi. xi >= 1/f0 is the only information floor: put
+    it above what the noise accumulates. f0: initial information. It forgets everywhere at once: what a
+    resting arm does not tell again, it loses (`SubspaceLeastSquares` does not).
     """
 
     alpha: float = 1.0
     beta: float = 5.0
     xi: float = 1e8
     f0: float = 1e-3
-    compiled: bool = False
 
     def __post_init__(self) -> None:
         for name in ("alpha", "beta", "xi", "f0"):
@@ -105,74 +103,84 @@ class LeastSquares:
         if self.xi * self.f0 < 1 - 1e-12:
             raise ArgumentError(f"xi: expected xi >= 1/f0 = {1 / self.f0:g} (443), got {self.xi:g}")
 
-    def init(self, n_parameters: int, lead: tuple[int, ...] = ()) -> Information:
-        """No information but the prior: F(0) = I/f0; lead: leading axes, for as many estimators at once."""
-        return _nothing(n_parameters, lead, self.f0, 1.0, self.compiled)
+    def init(self, n_parameters: int) -> Information:
+        """No information but the prior: F(0) = I/f0."""
+        weakest = np.full(n_parameters, 1 / math.sqrt(max(1, n_parameters)))
+        return prior_alone(n_parameters, self.f0)._replace(weakest=weakest)
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
         """Forget over dt [s] at the rate that F allows and add the regression held over it."""
-        before, weight = information.triangle, self.alpha * dt
-        if self.compiled:
-            step = kernels().least_squares_step if before.ndim == 2 else _least_squares_steps
-            triangle, kept, innovation, weakest = step(
-                before, information.prior, information.weakest, regression.omega, regression.y, self.alpha,
-                self.beta, self.xi, dt,
-            )  # fmt: skip
-            self.require_kept(kept, dt)
-        else:
-            smallest, weakest = least_eigenvalue(before, information.weakest)
-            kept = 1 - dt * self.forgetting(information.prior + smallest)
-            self.require_kept(kept, dt)
-            triangle = accumulate(before, kept, weight, regression)
-            innovation = _innovation(before, triangle, kept, weight)
-        return Information(triangle, kept * information.prior, 1.0, innovation, weakest)
-
-    def require_kept(self, kept: Any, dt: float) -> None:
-        """Raises ArgumentError where a step of dt [s] would forget more than everything."""
-        if not (kept > 0 if isinstance(kept, float) else np.all(kept > 0)):
+        before, prior, _, weight, weakest = information
+        least, weakest = kernels.smallest(before, weakest)
+        kept = 1 - dt * self.forgetting(least)
+        if not kept > 0:
             raise ArgumentError(f"dt: expected dt < 1/beta = {1 / self.beta:g} s, got {dt:g} s")
+        triangle, innovation = kernels.updated(before, kept, self.alpha * dt, regression.omega, regression.y)
+        rows = kept * weight + self.alpha * dt * len(regression.y)
+        return Information(triangle, kept * prior, innovation, rows, weakest)
 
     def covariance(self, information: Information) -> np.ndarray:
         """F = (z f0 I + R)^-1 (l, l)."""
-        size = len(information.triangle) - 1
-        return np.linalg.inv(information.prior * np.eye(size) + information.matrix)
+        return covariance(information)
 
-    def forgetting(self, smallest: Any) -> Any:
+    def forgetting(self, smallest: float) -> float:
         """beta = beta_0 (1 - ||F|| / xi) [1/s], never negative; smallest: 1 / ||F||, of z f0 I + R."""
-        information = smallest * self.xi
-        if isinstance(information, float):
-            return max(0.0, self.beta * (1 - 1 / max(information, TINY)))
-        return np.maximum(self.beta * (1 - 1 / np.maximum(information, TINY)), 0.0)
+        return max(0.0, self.beta * (1 - 1 / max(smallest * self.xi, kernels.TINY)))
 
 
-def _least_squares_steps(
-    triangle: np.ndarray, prior: Any, weakest: np.ndarray, omega: np.ndarray, y: np.ndarray, *gains: float
-) -> tuple[np.ndarray, ...]:
-    """`kernels.least_squares_step` of a batch; gains: alpha, beta, xi, dt."""
-    many, lead = many_kernels(), triangle.shape[:-2]
-    triangle, weakest = read_only(batch_last(triangle, 2, lead)), batch_last(weakest, 1, lead)
-    prior = np.broadcast_to(prior, lead).ravel()
-    updated = triangular(triangle.shape)
-    kept, innovation, found = (aligned(array.shape) for array in (prior, prior, weakest))
-    many.all_least_squares_step(
-        triangle, prior, weakest, batch_last(omega, 2, lead), batch_last(y, 1, lead), *gains,
-        many.block_edges(prior.size), updated, kept, innovation, found,
-    )  # fmt: skip
-    return tuple(batch_first(array, lead) for array in (read_only(updated), kept, innovation, found))
+@dataclass(frozen=True)
+class SubspaceLeastSquares:
+    """Least squares that forgets only along what the new rows say, and keeps the rest for ever.
+
+    With V the directions of the new rows, R <- R - (1 - e^(-beta dt)) R V (V'R V)^-1 V'R + alpha dt
+    Omega'Omega: subspace-of-information forgetting (SIFt-RLS of Lai and Bernstein, after Cao and Schwartz). A
+    resting arm tells its own posture's gravity again and again; all else that it has learned stays as it was.
+    F^-1 = f0 I + R.
+
+    alpha [1/s]: gain. beta [1/s]: forgetting rate along the rows. f0: initial information. floor: rows of
+    Omega that are shorter, once made orthogonal to each other, are noise and count for nothing.
+    """
+
+    alpha: float = 1.0
+    beta: float = 5.0
+    f0: float = 1e-3
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("alpha", "beta", "f0"):
+            object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
+        floor = require_number("floor", self.floor, 0, np.finfo(float).max, closed=True)
+        object.__setattr__(self, "floor", floor)
+
+    def init(self, n_parameters: int) -> Information:
+        """No information but the prior: F(0) = I/f0."""
+        return prior_alone(n_parameters, self.f0)
+
+    def step(self, information: Information, regression: Regression, dt: float) -> Information:
+        """Forget over dt [s] along the regression's rows, and add the regression held over it."""
+        before, prior, _, weight, weakest = information
+        share = -math.expm1(-self.beta * dt)
+        y, omega = regression
+        triangle, innovation, counted = kernels.subspace_step(
+            before, prior, omega, y, self.alpha * dt, share, self.floor
+        )
+        if counted:
+            weight = (1 - share) * weight + self.alpha * dt * counted
+        return Information(triangle, prior, innovation, weight, weakest)
+
+    def covariance(self, information: Information) -> np.ndarray:
+        """F = (f0 I + R)^-1 (l, l)."""
+        return covariance(information)
 
 
-def _nothing(size: int, lead: tuple[int, ...], prior: float, saturation: float, by_rows: bool) -> Information:
-    triangle = np.zeros(
-        (*lead, size + 1, size + 1), order="C" if by_rows or lead else "F"
-    )  # as LAPACK wants it
-    weakest = np.full((*lead, size), 1 / math.sqrt(max(1, size)))
-    many = np.full(lead, prior) if lead else prior
-    return Information(triangle, many, saturation, np.zeros(lead) if lead else 0.0, weakest)
+def covariance(information: Information) -> np.ndarray:
+    """F = (prior I + R)^-1 (l, l). Raises numpy's LinAlgError where the triangle is singular."""
+    inverse = np.linalg.inv(information.triangle[:-1, :-1])
+    return inverse @ inverse.T
 
 
-def _innovation(before: np.ndarray, after: np.ndarray, kept: Any, weight: float) -> Any:
-    """Root of what the squared residual, the last entry of the triangle, grew by for each unit of weight."""
-    if after.ndim == 2:
-        return math.sqrt(max(0.0, float(after[-1, -1]) ** 2 - kept * float(before[-1, -1]) ** 2) / weight)
-    grown = after[..., -1, -1] ** 2 - kept * before[..., -1, -1] ** 2
-    return np.sqrt(np.maximum(grown, 0.0) / weight)
+def prior_alone(size: int, f0: float) -> Information:
+    """The information of f0 I, before anything was seen."""
+    triangle = np.zeros((size + 1, size + 1))
+    triangle[range(size), range(size)] = math.sqrt(f0)
+    return Information(triangle, f0)

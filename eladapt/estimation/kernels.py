@@ -1,51 +1,82 @@
-"""The estimator's inner loops, compiled by numba (extra ``fast``).
+"""The estimator's equations as numba compiles them: each once, in loops over numbers and arrays.
 
-What LAPACK does otherwise: a row update of a triangle, one step of inverse iteration, and singular vectors by
-one-sided Jacobi rotations, which start from the vectors of the sample before and so are done sooner. All
-arrays are contiguous, by rows. `lanes` has the same for a batch.
+A triangle T (l + 1, l + 1) is the factor [T t; 0 residual] of square-root information: its block (l, l) has
+T'T = prior I + R, R the weighted sum of Omega'Omega, and T't = s of Omega'y. Loops over a column's rest run
+over slices, with indices from 0: only so does the compiler vectorise them, four times as fast.
 """
 
 from __future__ import annotations
 
-from math import copysign, exp, expm1, sqrt
+from math import copysign, inf, sqrt, tanh
 
 import numpy as np
 from numba import njit
 
-ROTATED = 1e-15  # cosine between two columns that counts as orthogonal
-SETTLED = 1e-7  # a sweep of rotations this small leaves cosines of its square: it was the last
-SWEEPS = 40  # 5 or 6 from nothing, 2 or 3 from the sample before (panda)
 TINY = 1e-300
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faster
+SWEEPS = 30  # of Jacobi's rotations over a few rows; 3 to 5 are typical
+ROTATED = 1e-15  # cosine between two rows that counts as orthogonal
 
 
 @njit(cache=True, error_model="numpy")
-def update_triangle(
-    triangle: np.ndarray, kept: float, weight: float, omega: np.ndarray, y: np.ndarray
+def path_points(
+    points: np.ndarray, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float
 ) -> np.ndarray:
-    """The triangle of [sqrt(kept) T; sqrt(weight) [Omega | y]] by Householder reflections."""
-    size, m = len(triangle), len(y)
-    updated = sqrt(kept) * triangle
-    rows = np.empty((m, size))
-    rows[:, : size - 1] = sqrt(weight) * omega
-    rows[:, size - 1] = sqrt(weight) * y
+    """(5, nv): two offsets and two velocities at points (2,) in [0, 1] of a path whose velocity is linear,
+    and its acceleration."""
+    path = np.empty((5, len(moved)))
+    for i in range(len(moved)):
+        change = after[i] - before[i]
+        for k in range(2):
+            path[k, i] = points[k] * moved[i] - (dt / 12) * change
+            path[2 + k, i] = before[i] + points[k] * change
+        path[4, i] = change / dt
+    return path
+
+
+@njit(cache=True, error_model="numpy")
+def filter_rows(
+    omega: np.ndarray, y: np.ndarray, rho: float, weight: np.ndarray, one: np.ndarray, two: np.ndarray,
+    tau: np.ndarray, sliding: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """The force balance (419) after a step: rho [Omega y] + weight [(one + two)/2, tau], and zero in the rows
+    that do not slide."""
+    rows, outputs = np.zeros_like(omega), np.zeros_like(y)
+    for i in range(len(y)):
+        if not sliding[i]:
+            continue
+        outputs[i] = rho * y[i] + weight[i] * tau[i]
+        share, into, before, first, second = 0.5 * weight[i], rows[i], omega[i], one[i], two[i]
+        for k in range(len(into)):
+            into[k] = rho * before[k] + share * (first[k] + second[k])
+    return outputs, rows
+
+
+@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+def eliminate(triangle: np.ndarray, rows: np.ndarray, added: int) -> None:
+    """The triangle of [T; rows] in place, by Householder reflections; ``rows`` is used up.
+
+    The first ``added`` rows count as information that comes, T'T + r r', those after as information that
+    goes, T'T - r r' (hyperbolic reflections; stable as long as little of T goes at once). What is left in the
+    last column of ``rows`` is what no theta explains.
+    """
+    size, m = len(triangle), len(rows)
     scratch = np.empty(size)
-    for j in range(size):
+    for j in range(size - 1):
         square = 0.0
         for i in range(m):
-            square += rows[i, j] * rows[i, j]
+            square += rows[i, j] * rows[i, j] if i < added else -rows[i, j] * rows[i, j]
         if square == 0.0:
             continue
-        pivot = updated[j, j]
-        length = -copysign(sqrt(pivot * pivot + square), pivot)
-        updated[j, j] = length
+        pivot = triangle[j, j]
+        length = -copysign(sqrt(max(pivot * pivot + square, TINY)), pivot)
+        triangle[j, j] = length
         inverse, share = 1 / (pivot - length), (length - pivot) / length
-        # Slices from j + 1 on, with indices from 0: only so are the loops vectorised, four times as fast.
-        top, product = updated[j, j + 1 :], scratch[j + 1 :]
+        top, product = triangle[j, j + 1 :], scratch[j + 1 :]
         for k in range(len(top)):
             product[k] = top[k]
         for i in range(m):
-            row, factor = rows[i, j + 1 :], rows[i, j] * inverse
+            row, factor = rows[i, j + 1 :], rows[i, j] * inverse if i < added else -rows[i, j] * inverse
             for k in range(len(row)):
                 product[k] += factor * row[k]
         for k in range(len(top)):
@@ -55,260 +86,296 @@ def update_triangle(
             row, factor = rows[i, j + 1 :], rows[i, j] * inverse
             for k in range(len(row)):
                 row[k] -= factor * product[k]
-    return updated
 
 
 @njit(cache=True, error_model="numpy", fastmath=REORDERED)
-def inverse_iteration(triangle: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray]:
-    """(1 / ||z||^2, z / ||z||) of R z = x / ||T'^-1 x||, R = T'T; (0, start) where R is singular."""
-    size = len(start)
-    half, whole, square = start.copy(), np.empty(size), 0.0
-    for j in range(size):
-        if triangle[j, j] == 0.0:
-            return 0.0, start
-        value = half[j] / triangle[j, j]
-        half[j] = value
+def solve_transposed(triangle: np.ndarray, x: np.ndarray) -> float:
+    """x <- T'^-1 x in place, and its squared length; not finite where T is singular."""
+    n, square = len(x), 0.0
+    for j in range(n):
+        value = x[j] / triangle[j, j]
+        if value == 0.0:
+            continue
+        x[j] = value
         square += value * value
-        rest, row = half[j + 1 :], triangle[j, j + 1 : size]
+        rest, row = x[j + 1 :], triangle[j, j + 1 : n]
         for k in range(len(rest)):
             rest[k] -= row[k] * value
-    if not 0.0 < square < np.inf:
-        return 0.0, start
-    scale, square = sqrt(square), 0.0
-    for j in range(size - 1, -1, -1):
-        known, row, total = whole[j + 1 :], triangle[j, j + 1 : size], 0.0
+    return square
+
+
+@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+def solve(triangle: np.ndarray, x: np.ndarray) -> float:
+    """x <- T^-1 x in place, and its squared length; not finite where T is singular."""
+    n, square = len(x), 0.0
+    for j in range(n - 1, -1, -1):
+        known, row, total = x[j + 1 :], triangle[j, j + 1 : n], 0.0
         for k in range(len(known)):
             total += row[k] * known[k]
-        value = (half[j] / scale - total) / triangle[j, j]
-        whole[j] = value
+        value = (x[j] - total) / triangle[j, j]
+        x[j] = value
         square += value * value
-    if not 0.0 < square < np.inf:
+    return square
+
+
+@njit(cache=True, error_model="numpy")
+def updated(
+    triangle: np.ndarray, kept: float, weight: float, omega: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """(443), (510): the triangle of [sqrt(kept) T; sqrt(weight) [Omega | y]], and the innovation: the size of
+    what the rows say that no theta which fits the old ones can, for each unit of weight."""
+    size, m = len(triangle), len(y)
+    root, scale = sqrt(kept), sqrt(weight)
+    after, rows = np.zeros_like(triangle), np.empty((m, size))
+    for j in range(size):
+        for k in range(j, size):
+            after[j, k] = root * triangle[j, k]
+    for i in range(m):
+        for k in range(size - 1):
+            rows[i, k] = scale * omega[i, k]
+        rows[i, size - 1] = scale * y[i]
+    eliminate(after, rows, m)
+    grown = 0.0
+    for i in range(m):
+        grown += rows[i, size - 1] * rows[i, size - 1]
+    corner = after[size - 1, size - 1]
+    after[size - 1, size - 1] = sqrt(corner * corner + grown)
+    return after, sqrt(grown / weight)
+
+
+@njit(cache=True, error_model="numpy")
+def smallest(triangle: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray]:
+    """One step of inverse iteration: (the smallest eigenvalue of T'T, its direction), from ``start`` of unit
+    length; (0, start) where T is singular."""
+    n = len(start)
+    direction = start.copy()
+    square = solve_transposed(triangle, direction)
+    if not 0.0 < square < inf:
         return 0.0, start
-    return 1 / square, whole / sqrt(square)
+    for k in range(n):
+        direction[k] /= sqrt(square)
+    square = solve(triangle, direction)
+    if not 0.0 < square < inf:
+        return 0.0, start
+    for k in range(n):
+        direction[k] /= sqrt(square)
+    return 1 / square, direction
 
 
-@njit(cache=True, fastmath=REORDERED)
-def singular_directions(
-    triangle: np.ndarray, first: int, basis: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """(singular values descending, V' theta_U, V) of T_UU theta_U = t_U, from row ``first`` on, and ||T||.
+@njit(cache=True, error_model="numpy")
+def orthogonal_rows(rows: np.ndarray) -> None:
+    """Rotates rows [Omega | y] among each other, in place, until those of Omega are orthogonal.
 
-    basis: orthogonal, the V of a triangle nearby, or the identity.
+    One-sided Jacobi, on the Gram matrix and the rotation that belongs to it: nothing is lost of y = Omega
+    theta.
     """
-    n = len(triangle) - 1 - first
-    columns, vectors = np.zeros((n, n)), basis.T.copy()  # one column of T V, or of V, a row
-    for p in range(n):  # Gram-Schmidt, or rounding would add up from sample to sample
-        for q in range(p):
-            overlap = 0.0
-            for i in range(n):
-                overlap += vectors[p, i] * vectors[q, i]
-            for i in range(n):
-                vectors[p, i] -= overlap * vectors[q, i]
-        length = 0.0
-        for i in range(n):
-            length += vectors[p, i] * vectors[p, i]
-        for i in range(n):
-            vectors[p, i] /= sqrt(length)
-        for i in range(n):
+    m, n = len(rows), rows.shape[1] - 1
+    gram, turned = np.empty((m, m)), np.eye(m)
+    for p in range(m):
+        for q in range(p, m):
             total = 0.0
-            for k in range(i, n):
-                total += triangle[first + i, first + k] * vectors[p, k]
-            columns[p, i] = total
+            for k in range(n):
+                total += rows[p, k] * rows[q, k]
+            gram[p, q] = gram[q, p] = total
     for _ in range(SWEEPS):
         settled = True
-        for p in range(n - 1):
-            for q in range(p + 1, n):
-                alpha = beta = gamma = 0.0
-                for i in range(n):
-                    alpha += columns[p, i] * columns[p, i]
-                    beta += columns[q, i] * columns[q, i]
-                    gamma += columns[p, i] * columns[q, i]
-                if alpha < beta:  # the longer column stands first; this sweep will not see all its pairs
-                    settled = False
-                    for i in range(n):
-                        columns[p, i], columns[q, i] = columns[q, i], -columns[p, i]
-                        vectors[p, i], vectors[q, i] = vectors[q, i], -vectors[p, i]
-                    alpha, beta, gamma = beta, alpha, -gamma
-                square, whole = gamma * gamma, alpha * beta
-                if square <= ROTATED * ROTATED * whole or beta < TINY:
+        for p in range(m - 1):
+            for q in range(p + 1, m):
+                cross = gram[p, q]
+                if cross * cross <= ROTATED * ROTATED * abs(gram[p, p] * gram[q, q]) + TINY:
                     continue
-                zeta = (beta - alpha) / (2 * gamma)
+                settled = False
+                zeta = (gram[q, q] - gram[p, p]) / (2 * cross)
                 tangent = copysign(1.0, zeta) / (abs(zeta) + sqrt(1 + zeta * zeta))
-                settled &= abs(tangent) <= SETTLED and square <= SETTLED * SETTLED * whole
                 cosine = 1 / sqrt(1 + tangent * tangent)
                 sine = cosine * tangent
-                for i in range(n):
-                    a, b = columns[p, i], columns[q, i]
-                    columns[p, i], columns[q, i] = cosine * a - sine * b, sine * a + cosine * b
-                    a, b = vectors[p, i], vectors[q, i]
-                    vectors[p, i], vectors[q, i] = cosine * a - sine * b, sine * a + cosine * b
+                for k in range(m):
+                    a, b = gram[k, p], gram[k, q]
+                    gram[k, p], gram[k, q] = cosine * a - sine * b, sine * a + cosine * b
+                for k in range(m):
+                    a, b = gram[p, k], gram[q, k]
+                    gram[p, k], gram[q, k] = cosine * a - sine * b, sine * a + cosine * b
+                    a, b = turned[p, k], turned[q, k]
+                    turned[p, k], turned[q, k] = cosine * a - sine * b, sine * a + cosine * b
         if settled:
             break
-    singular, estimate = np.zeros(n), np.zeros(n)
-    for p in range(n):
-        square = projected = 0.0
+    before = rows.copy()
+    for p in range(m):
+        into = rows[p]
+        for k in range(n + 1):
+            into[k] = 0.0
+        for q in range(m):
+            share, row = turned[p, q], before[q]
+            for k in range(n + 1):
+                into[k] += share * row[k]
+
+
+@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+def forgotten_rows(
+    triangle: np.ndarray, prior: float, rows: np.ndarray, share: float, into: np.ndarray
+) -> None:
+    """What is forgotten along ``rows`` (m, l + 1), orthogonal: rows g of T'T - g'g and of T't, written to
+    ``into``.
+
+    Subspace-of-information forgetting: R <- R - share R V (V'R V)^-1 V'R, and s likewise, V the directions of
+    the rows. A direction about which less is known than the prior is left alone.
+    """
+    m, size = rows.shape
+    n = size - 1
+    unit, image = np.zeros((m, n)), np.zeros((m, n))
+    for d in range(m):
+        square = 0.0
+        for k in range(n):
+            square += rows[d, k] * rows[d, k]
+        if square > 0.0:
+            inverse = 1 / sqrt(square)
+            for k in range(n):
+                unit[d, k] = rows[d, k] * inverse
+    for i in range(n):
+        row = triangle[i, i:n]
+        for d in range(m):
+            direction, total = unit[d, i:], 0.0
+            for k in range(len(row)):
+                total += row[k] * direction[k]
+            image[d, i] = total
+    for d in range(m):
+        goes = into[d]
+        for k in range(n):
+            goes[k] = -prior * unit[d, k]
+        goes[n] = 0.0
         for i in range(n):
-            square += columns[p, i] * columns[p, i]
-            projected += columns[p, i] * triangle[first + i, first + n]
-        singular[p] = sqrt(square)
-        estimate[p] = projected / square if square > TINY else 0.0
-    total = 0.0
-    for i in range(n + first):
-        for k in range(i, n + first):
-            total += triangle[i, k] * triangle[i, k]
-    return singular, estimate, vectors.T.copy(), sqrt(total)
+            rest, row, factor = goes[i:], triangle[i, i:], image[d, i]
+            for k in range(len(row)):
+                rest[k] += factor * row[k]
+    # Gram-Schmidt in R: rows of L^-1 V'[R s], L L' = V'R V
+    for d in range(m):
+        goes, pivot = into[d], 0.0
+        for k in range(n):
+            pivot += goes[k] * unit[d, k]
+        scale = 1 / sqrt(pivot) if pivot > prior else 0.0
+        for k in range(size):
+            goes[k] *= scale
+        for e in range(d + 1, m):
+            later, direction, cross = into[e], unit[e], 0.0
+            for k in range(n):
+                cross += goes[k] * direction[k]
+            for k in range(size):
+                later[k] -= cross * goes[k]
+    root = sqrt(share)
+    for d in range(m):
+        for k in range(size):
+            into[d, k] *= root
 
 
-@njit(cache=True)
-def path_points(
-    points: np.ndarray, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float
-) -> np.ndarray:
-    """(5, nv): two offsets and two velocities at points (2, 1) in [0, 1] of a path whose velocity is linear,
-    and its acceleration."""
-    path = np.empty((5, len(moved)))
-    for i in range(len(moved)):
-        change = after[i] - before[i]
-        for k in range(2):
-            path[k, i] = points[k, 0] * moved[i] - (dt / 12) * change
-            path[2 + k, i] = before[i] + points[k, 0] * change
-        path[4, i] = change / dt
-    return path
+@njit(cache=True, error_model="numpy")
+def subspace_step(
+    triangle: np.ndarray, prior: float, omega: np.ndarray, y: np.ndarray, weight: float, share: float,
+    floor: float,
+) -> tuple[np.ndarray, float, int]:  # fmt: skip
+    """Least squares that forgets ``share`` of what it knows along the new rows, and nothing else.
+
+    Rows are made orthogonal first; those of Omega shorter than ``floor`` carry nothing but noise and count
+    for nothing. Returns the triangle, the innovation and how many rows counted.
+    """
+    size, m = len(triangle), len(y)
+    rows = np.empty((2 * m, size))
+    for i in range(m):
+        for k in range(size - 1):
+            rows[i, k] = omega[i, k]
+        rows[i, size - 1] = y[i]
+    orthogonal_rows(rows[:m])
+    scale, counted = sqrt(weight), 0
+    for i in range(m):
+        square = 0.0
+        for k in range(size - 1):
+            square += rows[i, k] * rows[i, k]
+        if square > floor * floor and square > 0.0:
+            for k in range(size):
+                rows[counted, k] = scale * rows[i, k]
+            counted += 1
+    if counted == 0:
+        return triangle, 0.0, 0
+    forgotten_rows(triangle, prior, rows[:counted], share, rows[counted : 2 * counted])
+    after = triangle.copy()
+    eliminate(after, rows[: 2 * counted], counted)
+    grown = 0.0
+    for i in range(counted):
+        grown += rows[i, size - 1] * rows[i, size - 1]
+    corner = triangle[size - 1, size - 1]
+    after[size - 1, size - 1] = sqrt((1 - share) * corner * corner + grown)
+    return after, sqrt(grown / weight), counted
 
 
-@njit(cache=True)
-def filter_rows(
-    omega: np.ndarray, y: np.ndarray, rho: float, weight: np.ndarray, one: np.ndarray, two: np.ndarray,
-    tau: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """The force balance after a step: rho [Omega y] + weight [(one + two)/2, tau]."""
-    rows, outputs = np.empty_like(omega), np.empty_like(y)
-    for i in range(len(y)):
-        outputs[i] = rho * y[i] + weight[i] * tau[i]
-        share, into, before, first, second = 0.5 * weight[i], rows[i], omega[i], one[i], two[i]
-        for k in range(len(into)):
-            into[k] = rho * before[k] + share * (first[k] + second[k])
-    return outputs, rows
+@njit(cache=True, error_model="numpy")
+def prediction_error(triangle: np.ndarray, prior: float, theta: np.ndarray) -> np.ndarray:
+    """r = Y - Phi theta of (488), Phi = (prior I + R)^-1 R, by three triangular solves, without Phi.
+
+    Y = T^-1 t and Phi = I - prior (T'T)^-1. With prior = 0 it is Kreisselmeier's, Y = T't and Phi = T'T.
+    """
+    n = len(theta)
+    error = np.empty(n)
+    if prior > 0.0:
+        for k in range(n):
+            error[k] = triangle[k, n]
+        solve(triangle, error)
+        regular = theta.copy()
+        solve_transposed(triangle, regular)
+        solve(triangle, regular)
+        for k in range(n):
+            error[k] += prior * regular[k] - theta[k]
+        return error
+    unexplained = np.empty(n)
+    for j in range(n):
+        unexplained[j] = triangle[j, n]
+        for k in range(j, n):
+            unexplained[j] -= triangle[j, k] * theta[k]
+        error[j] = 0.0
+    for j in range(n):
+        for k in range(j, n):
+            error[k] += triangle[j, k] * unexplained[j]
+    return error
 
 
-@njit(cache=True)
-def least_squares_step(
-    triangle: np.ndarray, prior: float, weakest: np.ndarray, omega: np.ndarray, y: np.ndarray, alpha: float,
-    beta: float, xi: float, dt: float,
-) -> tuple[np.ndarray, float, float, np.ndarray]:  # fmt: skip
-    """`LeastSquares.step`: (triangle, kept, innovation, weakest)."""
-    smallest, direction = inverse_iteration(triangle, weakest)
-    kept = 1 - dt * max(0.0, beta * (1 - 1 / max((prior + smallest) * xi, TINY)))
-    if kept <= 0:
-        return triangle, kept, 0.0, direction
-    updated = update_triangle(triangle, kept, alpha * dt, omega, y)
-    grown = updated[-1, -1] ** 2 - kept * triangle[-1, -1] ** 2
-    return updated, kept, sqrt(max(grown, 0.0) / (alpha * dt)), direction
+@njit(cache=True, error_model="numpy")
+def arrived(theta: np.ndarray, error: np.ndarray, rate: float, b: float, dt: float) -> np.ndarray:
+    """theta after dt of theta' = rate r / |r|^(1 - b), which arrives at r = 0 and stays."""
+    n, square = len(theta), 0.0
+    for k in range(n):
+        square += error[k] * error[k]
+    share = min(1.0, rate * dt / sqrt(square) ** (1 - b)) if square > 0.0 else 0.0
+    after = np.empty(n)
+    for k in range(n):
+        after[k] = theta[k] + share * error[k]
+    return after
 
 
-@njit(cache=True)
-def directional_mix(
-    triangle: np.ndarray, first: int, basis: np.ndarray, prior: float, saturation: float, dust: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`Directional.mix`: (Y, gates, V)."""
-    singular, estimate, vectors, scale = singular_directions(triangle, first, basis)
-    Y, gates = np.zeros_like(singular), np.zeros_like(singular)
-    for p in range(len(singular)):
-        if singular[p] > dust * max(scale, TINY):
-            square = singular[p] * singular[p]
-            gates[p] = square / (prior + saturation * square)
-            Y[p] = gates[p] * estimate[p]
-    return Y, gates, vectors
-
-
-@njit(cache=True)
-def adapt(
-    theta: np.ndarray, psi: np.ndarray, e1: np.ndarray, e2: np.ndarray, position: float, velocity: float,
-    Gamma: np.ndarray, rate: np.ndarray, b: float, Y: np.ndarray, delta: np.ndarray, gates: np.ndarray,
-    basis: np.ndarray, dt: float,
+@njit(cache=True, error_model="numpy")
+def direct_term(
+    theta: np.ndarray, regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, position: float,
+    velocity: float, Gamma: np.ndarray, dt: float,
 ) -> np.ndarray:  # fmt: skip
-    """`CompositeLaw.step` without bounds: the direct term, then each direction's flow.
-
-    position, velocity: the factors of tanh(e1) and e2. Gamma, rate: one entry, or one a parameter; delta,
-    gates: one entry, or one a direction of ``basis``.
-    """
-    j = len(theta)
-    moved = theta.copy()
+    """The direct term of (318) over dt: theta - dt Gamma W' (position tanh(e1) + velocity e2)."""
+    n, last = len(theta), len(Gamma) - 1
+    after = theta.copy()
     for i in range(len(e1)):
-        drive = dt * (position * np.tanh(e1[i]) + velocity * e2[i])
-        for p in range(j):
-            moved[p] -= Gamma[p % len(Gamma)] * psi[i, p] * drive
-    directional, offset = len(delta) == j and basis.shape[0] == j, len(Y) - j
-    result = moved.copy()
-    for p in range(j):
-        d = p % len(delta)
-        if not delta[d] > 0.0:
-            continue
-        error = -Y[offset + p] / delta[d]
-        if directional:
-            for i in range(j):
-                error += basis[i, p] * moved[i]
-        else:
-            error += moved[p]
-        size, speed = abs(error), dt * rate[p % len(rate)] * gates[d]
-        if b == 1.0:
-            left = size * np.exp(-speed)
-        else:
-            left = max(size ** (1 - b) - (1 - b) * speed, 0.0) ** (1 / (1 - b))
-        change = copysign(left, error) - error
-        if directional:
-            for i in range(j):
-                result[i] += basis[i, p] * change
-        else:
-            result[p] += change
+        drive = dt * (position * tanh(e1[i]) + velocity * e2[i])
+        if drive != 0.0:
+            for k in range(n):
+                after[k] -= Gamma[min(k, last)] * regressor[i, k] * drive
+    return after
+
+
+@njit(cache=True, error_model="numpy")
+def told(triangle: np.ndarray, prior: float, rows: np.ndarray) -> np.ndarray:
+    """(m,) from 0 to 1, how much of each combination of parameters, a row (m, l), the data tell: 1 - prior
+    c'F c / c'c."""
+    m, n = rows.shape
+    result = np.zeros(m)
+    for i in range(m):
+        square = 0.0
+        for k in range(n):
+            square += rows[i, k] * rows[i, k]
+        if square > 0.0:
+            x = rows[i].copy()
+            result[i] = 1 - prior * solve_transposed(triangle, x) / square
     return result
-
-
-@njit(cache=True)
-def advance(
-    omega: np.ndarray, y: np.ndarray, triangle: np.ndarray, prior: float, weakest: np.ndarray,
-    basis: np.ndarray, integral: np.ndarray, theta: np.ndarray, disturbance: np.ndarray,
-    one: np.ndarray, two: np.ndarray, tau: np.ndarray, v: np.ndarray, psi: np.ndarray, e1: np.ndarray,
-    inertial: np.ndarray, dt: float,
-    pole: float, row_weight: np.ndarray, alpha: float, beta: float, xi: float, dust: float,
-    gate_exponent: float, b: float, position: float, velocity: float, Gamma: np.ndarray, rate: np.ndarray,
-    effort_limit: np.ndarray, memory: float,
-) -> tuple[
-    np.ndarray, np.ndarray, np.ndarray, float, float, np.ndarray, np.ndarray, np.ndarray, np.ndarray,
-    np.ndarray, np.ndarray, np.ndarray, np.ndarray,
-]:  # fmt: skip
-    """The default blocks in line, from the force balance to theta and the disturbance estimate.
-
-    Arguments: the state, the sample (one, two: W at Gauss's points; inertial: M a + C v), and from pole on
-    the gains of the blocks, in their order; gate_exponent = b + d, memory: of the disturbance estimate.
-    Returns y, omega, triangle, kept, innovation, weakest, Y, delta, basis, gates, integral, theta,
-    disturbance; all but y and disturbance are without meaning where kept <= 0.
-    """
-    y, omega = filter_rows(omega, y, exp(-pole * dt), -expm1(-pole * dt) * row_weight, one, two, tau)
-    triangle, kept, innovation, weakest = least_squares_step(
-        triangle, prior, weakest, omega, y, alpha, beta, xi, dt
-    )
-    Y, delta, basis = directional_mix(
-        triangle, triangle.shape[0] - 1 - len(theta), basis, kept * prior, 1.0, dust
-    )
-    gates = np.empty_like(delta)
-    for p in range(len(delta)):
-        size = delta[p] ** gate_exponent
-        gates[p] = size / (1 + size)
-    moving_e1, moving_v = e1.copy(), v.copy()
-    for i in range(len(v)):
-        if not abs(tau[i]) < effort_limit[i]:  # clipped: the direct term rests
-            moving_e1[i] = moving_v[i] = 0.0
-    share, following = -expm1(-dt / memory), disturbance.copy()
-    for i in range(len(v)):
-        feedback = tau[i]
-        for p in range(len(theta)):
-            feedback -= psi[i, p] * theta[p]
-        following[i] += share * (inertial[i] - feedback - disturbance[i])
-    theta = adapt(
-        theta, psi, moving_e1, moving_v, position, velocity, Gamma, rate, b,
-        Y, delta, gates, basis, dt,
-    )  # fmt: skip
-    return (
-        y, omega, triangle, kept, innovation, weakest, Y, delta, basis, gates, integral + dt * gates, theta,
-        following,
-    )  # fmt: skip

@@ -15,15 +15,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 import scipy.linalg
 
 from eladapt.errors import ArgumentError, require_number, require_vector
 from eladapt.estimation.extensions import Information
-from eladapt.estimation.mixing import DUST, spectrum
+from eladapt.estimation.mixing import DUST
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.reading import frame_index
 
-NAMES = ("m", "m cx", "m cy", "m cz")
+NAMES = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 # A model that lacks something (friction, rotors) changes its mind too, and not as a load would: 2 kg on a
 # panda leave a misfit of 0.002 with noise; TALOS without rotors 0.19 to 0.84.
 NO_LOAD = 0.05
@@ -76,7 +77,8 @@ def estimate_payload(
 ) -> PayloadEstimate:
     """Mass and centre of mass of a load, by weighted least squares on the change of theta_U.
 
-    theta_before, theta_after (n_potential,): theta_U without and with the load. frame: in which the
+    theta_before, theta_after: the whole theta (l,), or theta_U (n_potential,), without and with the load.
+    frame: in which the
     centre of mass is wanted, and on which body the load hangs; the robot's tool if None.
 
     information: what was seen since the load came; its bottom block T_UU theta_U = t_U is the weight, so
@@ -100,12 +102,14 @@ def estimate_payload(
 
     Raises ArgumentError for wrong shapes or a load that no joint carries, UnknownNameError for the frame.
     """
-    j = regressors.n_potential
-    before = require_vector("theta_before", theta_before, j)
-    after = require_vector("theta_after", theta_after, j)
+    complete = np.shape(theta_after) == (len(regressors),)
+    size = len(regressors) if complete else regressors.n_potential
+    before = require_vector("theta_before", theta_before, size)
+    after = require_vector("theta_after", theta_after, size)
     name = regressors.robot.tool if frame is None else frame
     effect = payload_regressor(regressors, name)
-    weight = _weight(regressors, information, information_before)
+    effect = effect if complete else effect[len(regressors) - size :, :4]
+    weight = _weight(size, regressors, information, information_before)
     noise = _variance(regressors, information, samples, variance)
 
     unit = np.linalg.norm(effect, axis=0)  # m and m c differ in unit: compare them by their effect
@@ -115,10 +119,12 @@ def estimate_payload(
     seen = singular > max(least, DUST * singular.max(initial=0.0), np.finfo(float).tiny)
     change = weight @ (after - before)
     along = (left.T @ change)[seen]
-    inverse = right[seen].T / singular[seen] / unit[:, None]  # (4, rank)
+    inverse = right[seen].T / singular[seen] / unit[:, None]  # (4 or 10, rank)
     x = inverse @ along
     covariance = noise * inverse @ inverse.T
-    null = np.linalg.svd(right[seen], full_matrices=True)[2][seen.sum() :] if seen.any() else np.eye(4)
+    null = (
+        np.linalg.svd(right[seen], full_matrices=True)[2][seen.sum() :] if seen.any() else np.eye(len(unit))
+    )
     # A direction under the floor is turned a little by noise: a parameter that has a small part in it is
     # known but for that part of the load's size.
     part = np.linalg.norm(null, axis=0)
@@ -126,69 +132,88 @@ def estimate_payload(
     known = part <= UNSEEN
     unseen = part * np.linalg.norm(unit * x) / unit
     null = np.where(known, 0.0, null)
-    size, unexplained = np.linalg.norm(change), np.linalg.norm(change - left[:, seen] @ along)
-    misfit = float(unexplained / size) if size > 0 else 0.0
+    whole, unexplained = np.linalg.norm(change), np.linalg.norm(change - left[:, seen] @ along)
+    misfit = float(unexplained / whole) if whole > 0 else 0.0
 
     mass, mass_std = (x[0], np.hypot(np.sqrt(covariance[0, 0]), unseen[0])) if known[0] else (np.nan, np.inf)
     com, com_std = np.full(3, np.nan), np.full(3, np.inf)
     rounding = ROUNDING * max(np.abs(before).max(initial=0.0), np.abs(after).max(initial=0.0))
     if known[0] and abs(mass) * unit[0] > rounding:
-        com[known[1:]] = x[1:][known[1:]] / mass
+        com[known[1:4]] = x[1:4][known[1:4]] / mass
         gradient = np.column_stack([-com, np.eye(3)]) / mass  # of c = (m c) / m
-        for i in np.flatnonzero(known[1:]):
-            com_std[i] = np.hypot(np.sqrt(gradient[i] @ covariance @ gradient[i]), unseen[1 + i] / mass)
+        for i in np.flatnonzero(known[1:4]):
+            com_std[i] = np.hypot(
+                np.sqrt(gradient[i] @ covariance[:4, :4] @ gradient[i]), unseen[1 + i] / mass
+            )
     return PayloadEstimate(
-        float(mass), com, float(mass_std), com_std, x, covariance, misfit, _describe(null / unit), name
+        float(mass),
+        com,
+        float(mass_std),
+        com_std,
+        x[:4],
+        covariance[:4, :4],
+        misfit,
+        _describe(_independent((null / unit)[:, :4])),
+        name,
     )
 
 
-def completed(theta: np.ndarray, information: Information) -> np.ndarray:
-    """theta_U (n_potential,) by least squares where it was excited, as ``theta`` says where it was not.
-
-    An adaptive estimate still follows in directions that are known a little; a load's centre of mass may
-    hang on them (panda, after the move that a 2 kg load makes: off by 4 mm, completed by 1e-9 m).
-    """
-    estimate, gates, basis = spectrum(information, len(theta), "potential")
-    return theta + basis @ np.where(gates > 0, estimate - basis.T @ theta, 0.0)
-
-
 def payload_regressor(regressors: Regressors, frame: str) -> np.ndarray:
-    """A (n_potential, 4): what (m, m c) of a load in ``frame`` adds to theta_U."""
+    """A (l, 10): what (m, m c, I about the frame's origin) of a load in ``frame`` adds to theta."""
     model = regressors.robot.model
     place = model.frames[frame_index(model, frame)]
     if place.parentJoint == 0:
         raise ArgumentError(f"frame: {frame!r} stands on the base; a load there moves with no joint")
-    rows = regressors.basis.projection[regressors.n_inertial :]
-    scale = regressors.scale[len(regressors) - regressors.n_potential :]
     start = 10 * (place.parentJoint - 1)
-    moved = np.eye(4)
-    moved[1:, 0], moved[1:, 1:] = place.placement.translation, place.placement.rotation
-    return scale[:, None] * rows[:, start : start + 4] @ moved
+    effect = np.zeros((len(regressors), 10))
+    effect[regressors.inertial] = regressors.basis.projection[:, start : start + 10] @ _moved(place.placement)
+    return regressors.scale[:, None] * effect
 
 
-def _weight(regressors: Regressors, after: Information | None, before: Information | None) -> np.ndarray:
-    """L with L'L = (S_after^-1 + S_before^-1)^-1, S = T_UU' T_UU, right for singular S too.
+def _moved(placement: pin.SE3) -> np.ndarray:
+    """(10, 10): standard parameters in another frame, by the pseudo-inertia J' = X J X'."""
+    columns = []
+    for k in range(10):
+        pseudo = placement.homogeneous @ _pseudo(np.eye(10)[k]) @ placement.homogeneous.T
+        second = pseudo[:3, :3]
+        inertia = np.trace(second) * np.eye(3) - second
+        columns.append([pseudo[3, 3], *pseudo[:3, 3], *inertia[np.tril_indices(3)]])
+    return np.array(columns).T
+
+
+def _pseudo(parameters: np.ndarray) -> np.ndarray:
+    """(4, 4) pseudo-inertia of ten standard parameters, in the order m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
+    inertia = np.zeros((3, 3))
+    inertia[np.tril_indices(3)] = parameters[4:]
+    inertia = inertia + np.tril(inertia, -1).T
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return np.block([[second, parameters[1:4, None]], [parameters[None, 1:4], parameters[:1, None]]])
+
+
+def _weight(
+    size: int, regressors: Regressors, after: Information | None, before: Information | None
+) -> np.ndarray:
+    """L with L'L = (S_after^-1 + S_before^-1)^-1, S = T'T of the last ``size`` parameters; S may be singular.
 
     The unknown error of theta_before is eliminated by an orthogonal complement of [T_after; T_before],
     so that nothing is squared or inverted.
     """
-    j = regressors.n_potential
     blocks = [
-        _block(name, information, len(regressors), j)
+        _block(name, information, len(regressors), size)
         for name, information in (("information", after), ("information_before", before))
         if information is not None
     ]
     if not blocks:
-        return np.eye(j)
+        return np.eye(size)
     if len(blocks) == 1:
         return blocks[0]
     left, singular, _ = np.linalg.svd(np.vstack(blocks))
     rank = int(np.sum(singular > DUST * max(singular.max(initial=0.0), np.finfo(float).tiny)))
-    return left[:j, rank:].T @ blocks[0]
+    return left[:size, rank:].T @ blocks[0]
 
 
-def _block(name: str, information: Information, size: int, j: int) -> np.ndarray:
-    """T_UU (j, j)."""
+def _block(name: str, information: Information, size: int, last: int) -> np.ndarray:
+    """T (last, last) of the last parameters."""
     triangle = np.asarray(information.triangle, dtype=float)
     if triangle.shape != (size + 1, size + 1):
         raise ArgumentError(
@@ -197,7 +222,7 @@ def _block(name: str, information: Information, size: int, j: int) -> np.ndarray
         )
     if not np.isfinite(triangle).all():
         raise ArgumentError(f"{name}: expected a finite triangle")
-    return triangle[size - j : size, size - j : size]
+    return triangle[size - last : size, size - last : size]
 
 
 def _variance(
@@ -215,6 +240,12 @@ def _variance(
     return float(information.triangle[-1, -1] ** 2 / (samples - len(regressors)))
 
 
+def _independent(rows: np.ndarray) -> np.ndarray:
+    """As many rows as are independent, spanning the same."""
+    _, singular, right = np.linalg.svd(rows, full_matrices=False)
+    return right[singular > UNSEEN * singular.max(initial=0.0)]
+
+
 def _describe(null: np.ndarray) -> tuple[str, ...]:
     """The directions (k, 4) of (m, m c) in words, in a basis that shares as few terms as possible."""
     if not len(null):
@@ -228,7 +259,7 @@ def _describe(null: np.ndarray) -> tuple[str, ...]:
 
 def _combination(row: np.ndarray) -> str:
     text = ""
-    for value, name in zip(row, NAMES, strict=True):
+    for value, name in zip(row, NAMES[: len(row)], strict=True):
         if abs(value) > DUST:
             size = "" if abs(abs(value) - 1) < DUST else f"{abs(value):.3g} "
             text += f"{' - ' if value < 0 else ' + '}{size}{name}"

@@ -9,7 +9,6 @@ initial state z(0) = -lambda_0 phi_3(0) of (419) and z(0) = -lambda_0 omega(0) o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -17,15 +16,14 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_gain, require_number
-from eladapt.estimation.triangle import kernels
+from eladapt.estimation import kernels
 from eladapt.regressors.regressors import Regressors
-from eladapt.robot.batch import Path
 from eladapt.signals import Measurement, Regression
 
 Interpolation = Literal["linear", "hermite"]
 
 # Gauss's two points: exact for polynomials of the third degree.
-GAUSS = np.array([[0.5 - math.sqrt(3) / 6], [0.5 + math.sqrt(3) / 6]])
+GAUSS = np.array([0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6])
 
 
 class FilterState(NamedTuple):
@@ -57,8 +55,7 @@ class ForceBalance:
     the sliding are lost. Each row holds for itself: a stuck joint costs the others nothing.
 
     pole [1/s]; weight: scalar or (nv,), multiplies each row of y and Omega. stiction_speed [rad/s]: five
-    times the velocity noise or more; where there are no Coulomb columns it is not used. compiled: by
-    numba (extra ``fast``): the sums of one robot; the regressors too of a batch without friction columns.
+    times the velocity noise or more; where there are no Coulomb columns it is not used.
     """
 
     regressors: Regressors
@@ -66,7 +63,6 @@ class ForceBalance:
     weight: float | np.ndarray = 1.0
     interpolation: Interpolation = "linear"
     stiction_speed: float = 0.01
-    compiled: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pole", require_number("pole", self.pole, 0))
@@ -77,74 +73,50 @@ class ForceBalance:
             raise ArgumentError(f"interpolation: expected 'linear' or 'hermite', got {self.interpolation!r}")
 
     def init(self, measurement: Measurement) -> FilterState:
-        """The filter at rest at the first sample; with a leading axis in q and v, as many filters."""
+        """The filter at rest at the first sample."""
         _, q, v, _ = measurement
-        return FilterState(q, v, np.zeros(v.shape), np.zeros((*v.shape, len(self.regressors))))
+        return FilterState(q, v, np.zeros(len(v)), np.zeros((len(v), len(self.regressors))))
 
     def step(self, state: FilterState, measurement: Measurement, dt: float) -> tuple[FilterState, Regression]:
         """Advance over the dt [s] that ended at ``measurement``."""
-        rho, gain = _decay(self.pole, dt)
         _, q, v, tau = measurement
-        weight = gain * dt * np.asarray(self.weight)
-        if v.ndim > 1:
-            y, omega = rho * state.y + weight * tau, self._filtered(state, rho, weight, q, v, dt)
-        else:
-            one, two = self.forces(state, q, v, dt)
-            if self.compiled:
-                y, omega = kernels().filter_rows(state.omega, state.y, rho, weight, one, two, tau)
-            else:
-                omega = rho * state.omega + (0.5 * weight)[:, None] * (one + two)
-                y = rho * state.y + weight * tau
-        if self.regressors.coulomb:
-            sliding = self._sliding(state.v, v)
-            y, omega = np.where(sliding, y, 0.0), np.where(sliding[..., None], omega, 0.0)
+        one, two = self.forces(state, q, v, dt)
+        weight = -math.expm1(-self.pole * dt) * np.asarray(self.weight)
+        sliding = self._sliding(state.v, v)
+        y, omega = kernels.filter_rows(
+            state.omega, state.y, math.exp(-self.pole * dt), weight, one, two, tau, sliding
+        )
         return FilterState(q, v, y, omega), Regression(y, omega)
 
     def forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
         """W(q, v, a) (nv, l) at Gauss's two points of the path from ``state`` to (q, v)."""
         torque, model = self.regressors.torque, self.regressors.robot.model
         moved = pin.difference(model, state.q, q)
-        if self.compiled and self.interpolation == "linear":
-            *ways, one, two, slope = kernels().path_points(GAUSS, moved, state.v, v, dt)
-            velocity, acceleration = (one, two), (slope, slope)
+        if self.interpolation == "linear":
+            *ways, one, two, slope = kernels.path_points(GAUSS, moved, state.v, v, dt)
+            rates = ((one, slope), (two, slope))
         else:
-            ways, velocity, acceleration = self._path(moved, state.v, v, dt)
+            ways, rates = self._bent_path(moved, state.v, v, dt)
         return [
-            torque(pin.integrate(model, state.q, way), *rates, check=False)
-            for way, *rates in zip(ways, velocity, acceleration, strict=True)
+            torque(pin.integrate(model, state.q, way), *rate, check=False)
+            for way, rate in zip(ways, rates, strict=True)
         ]
 
-    def _filtered(
-        self, state: FilterState, rho: float, weight: np.ndarray, q: np.ndarray, v: np.ndarray, dt: float
-    ) -> np.ndarray:
-        """Omega (B, nv, l) of B filters at once."""
-        reg, hermite = self.regressors, self.interpolation == "hermite"
-        if self.compiled and not reg.n_friction:
-            path = Path(state.q, state.v, q, v, dt, GAUSS[:, 0], hermite)
-            return reg.filtered_torque(state.omega, rho, weight, path)
-        moved = reg.positions.difference(state.q, q)[:, None]
-        offset, *rates = self._path(moved, state.v[:, None], v[:, None], dt)
-        places = reg.positions.integrate(state.q[:, None], offset)
-        points = zip(*(np.moveaxis(part, 1, 0) for part in (places, *rates)), strict=True)
-        one, two = (reg.torque(*point, check=False) for point in points)
-        return rho * state.omega + (0.5 * weight)[:, None] * (one + two)
-
-    def _path(self, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float) -> Any:
-        """(..., 2, nv) offsets from the first position, velocities and accelerations at Gauss's points."""
-        change = after - before
-        # The path's ends are the two positions, whatever the mean of its velocity is; s (1 - s) = 1/6.
-        offset = GAUSS * moved - (dt / 12) * change
-        velocity = before + GAUSS * change
-        if self.interpolation == "linear":
-            return offset, velocity, np.broadcast_to(change / dt, velocity.shape)
+    def _bent_path(self, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float) -> Any:
+        """Offsets from the first position, and (velocity, acceleration), at Gauss's points of a cubic
+        path."""
+        s, change = GAUSS[:, None], after - before
         bend = 6 * (moved / dt - 0.5 * (before + after))
-        offset += dt / 36 * (2 * GAUSS - 1) * bend
-        return offset, velocity + bend / 6, change / dt + (1 - 2 * GAUSS) / dt * bend
+        # The path's ends are the two positions, whatever the mean of its velocity is; s (1 - s) = 1/6.
+        offset = s * moved - (dt / 12) * change + dt / 36 * (2 * s - 1) * bend
+        velocity = before + s * change + bend / 6
+        return offset, list(zip(velocity, change / dt + (1 - 2 * s) / dt * bend, strict=True))
 
     def _sliding(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """(nv,) which joints slid one way all along a step."""
-        slowest = np.where(before > 0, np.minimum(before, after), -np.maximum(before, after))
-        return slowest > self.stiction_speed
+        """(nv,) which joints slid one way all along a step; all of them where friction has no sign."""
+        if not self.regressors.coulomb:
+            return np.ones(len(after), dtype=bool)
+        return np.minimum(np.abs(before), np.abs(after)) > self.stiction_speed
 
 
 class EnergyState(NamedTuple):
@@ -183,11 +155,6 @@ class PowerBalance:
 
     def step(self, state: EnergyState, measurement: Measurement, dt: float) -> tuple[EnergyState, Regression]:
         """Advance over the dt [s] that ended at ``measurement``."""
-        if measurement.v.ndim > 1:
-            states = (EnergyState(*parts) for parts in zip(*state, strict=True))
-            found = [self.step(*pair, dt) for pair in zip(states, _singles(measurement), strict=True)]
-            filters = EnergyState(*map(np.array, zip(*(one for one, _ in found), strict=True)))
-            return filters, Regression(filters.y, filters.omega)
         rho, gain = _decay(self.pole, dt)
         energy, dissipation = self._energy_and_dissipation(measurement)
         gained = energy - state.energy + 0.5 * dt * (state.dissipation + dissipation)
@@ -199,20 +166,9 @@ class PowerBalance:
 
     def _energy_and_dissipation(self, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         reg, (_, q, v, _) = self.regressors, measurement
-        if v.ndim > 1:
-            energy, dissipation = map(
-                np.array, zip(*map(self._energy_and_dissipation, _singles(measurement)), strict=True)
-            )
-            return energy, dissipation
         energy = reg.energy(q, v)[None]
-        dissipation = v[None] @ reg.friction_torque(v) if reg.n_friction else np.zeros_like(energy)
+        dissipation = v[None] @ reg.joint_torque(v) if reg.n_friction else np.zeros_like(energy)
         return energy, dissipation
-
-
-def _singles(measurement: Measurement) -> Iterator[Measurement]:
-    """The measurements along the leading axis; t is one for all."""
-    t, *arrays = measurement
-    return (Measurement(t, *each) for each in zip(*arrays, strict=True))
 
 
 def _decay(pole: float, dt: float) -> tuple[float, float]:

@@ -1,7 +1,6 @@
 """The loop between a controller and a robot, at a fixed rate, whatever the robot is.
 
-`simulate` with a clock: the robot is anything with four methods, and does not wait. This room stands on
-control and on simulation, whose records it keeps.
+`simulate` with a clock: the robot is anything with four methods, and does not wait.
 """
 
 from __future__ import annotations
@@ -15,11 +14,12 @@ import numpy as np
 
 from eladapt.errors import ArgumentError, EladaptError, LoopError, require_number
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
-from eladapt.records.record import Record, Recorder
+from eladapt.records.record import Record
+from eladapt.records.recorder import Recorder
 from eladapt.records.state_file import StateWriter, on_clock
 from eladapt.robot.model import Robot
-from eladapt.signals import Measurement
-from eladapt.simulation.run import Controller, Goal
+from eladapt.robot.protocols import BareController, Goal, GoalCourse
+from eladapt.signals import Measurement, Reference
 
 GAP = 1.0  # [s] between two runs whose clocks have nothing to do with each other: filters start afresh
 WARM_UP = 20  # steps before the robot starts: they import, allocate and compile
@@ -52,9 +52,9 @@ class LoopResult(NamedTuple):
 
 
 def run_loop(
-    controller: Controller,
+    controller: BareController,
     interface: RobotInterface,
-    goal: Goal,
+    goal: GoalCourse,
     duration: float,
     dt: float = 1e-3,
     *,
@@ -67,7 +67,8 @@ def run_loop(
 ) -> LoopResult:
     """Regulate a robot for ``duration`` [s], reading and writing once every ``dt`` [s].
 
-    goal: q_d (nq,), or a callable of the time since the start [s], by the robot's clock. state: of an earlier
+    goal: q_d (nq,), a `Reference`, or a callable of the time since the start [s], by the robot's clock, that
+    returns either. state: of an earlier
     run, to go on with what it had learned, also if the robot's clock was set since; None begins afresh. When
     a gate latches a fault, its fallback goes on for ``after_fault`` [s]. checkpoint: a file to which the
     state is saved every ``every`` [s] and at the end, for `load_state`; a write takes a millisecond or two.
@@ -125,16 +126,16 @@ class _Loop:
 
     def __init__(
         self,
-        controller: Controller,
+        controller: BareController,
         interface: RobotInterface,
-        goal: Goal,
+        goal: GoalCourse,
         dt: float,
         steps: int,
         title: str,
     ):
-        self.robot: Robot = controller.robot  # type: ignore[attr-defined]
+        self.robot = controller.robot
         self.controller, self.interface, self.dt = controller, interface, dt
-        self.goal_at: Callable[[float], np.ndarray] = goal if callable(goal) else (lambda _t: goal)
+        self.goal_at: Callable[[float], Goal] = goal if callable(goal) else (lambda _t: goal)
         self.pacer = Pacer(dt, steps + 1)
         self.recorder = Recorder(self.robot, controller, dt, steps + 1, title)
         self.state: Any = None
@@ -165,7 +166,7 @@ class _Loop:
         nq, nv = self.robot.nq, self.robot.nv
         q, v = (_vector(getattr(measurement, n, None), size) for n, size in (("q", nq), ("v", nv)))
         t = _number(getattr(measurement, "t", None))
-        self.recorder.add(t, q, v, tau, _vector(goal, nq), self.state)
+        self.recorder.add(t, q, v, tau, _reference(goal, self.robot), self.state)
         return getattr(self.state, "fault", None)
 
     def record(self) -> Record | None:
@@ -173,9 +174,9 @@ class _Loop:
         return self.recorder.record() if self.recorder.count else None
 
 
-def _warm_up(controller: Controller, dt: float) -> None:
+def _warm_up(controller: BareController, dt: float) -> None:
     """A few steps at home that nobody sees."""
-    robot: Robot = controller.robot  # type: ignore[attr-defined]
+    robot = controller.robot
     q, zero = robot.configuration(robot.home), np.zeros(robot.nv)
     measurement = Measurement(0.0, q, zero, zero)
     try:
@@ -189,6 +190,15 @@ def _warm_up(controller: Controller, dt: float) -> None:
 def _number(value: Any) -> float:
     """What a record shows of a time stamp that may be anything."""
     return float(value) if isinstance(value, int | float | np.number) else float("nan")
+
+
+def _reference(goal: Any, robot: Robot) -> Reference:
+    """What a record shows of a goal that may be anything."""
+    if not isinstance(goal, Reference):
+        return Reference(_vector(goal, robot.nq), robot.still, robot.still)
+    return Reference(
+        *(_vector(part, n) for part, n in zip(goal, (robot.nq, robot.nv, robot.nv), strict=True))
+    )
 
 
 def _vector(value: Any, size: int) -> np.ndarray:

@@ -20,8 +20,8 @@ import numpy as np
 from eladapt.errors import HardwareError, require_number
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.robot.model import Robot
+from eladapt.robot.protocols import Plant
 from eladapt.signals import Measurement
-from eladapt.simulation.run import Plant
 
 HEADER = struct.Struct("<4s4sQ")  # magic, kind, number
 MAGIC = b"ELA1"

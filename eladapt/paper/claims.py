@@ -85,7 +85,7 @@ def _motion(runs: Runs) -> list[Claim]:
 
 
 def _excitation(runs: Runs) -> list[Claim]:
-    growth = {n: last_second(runs[n, 1].zeta_integral[:, 0]) for n in ("C1", "C2")}
+    growth = {n: last_second(_gate_integral(runs[n, 1])) for n in ("C1", "C2")}
     level = _level(runs["C3", 1])
     peak, last = float(level.max()), float(level[-1])
     classic = last_second(_level(runs["C4", 1]))
@@ -177,6 +177,11 @@ def _error_at(record: Record, t: float) -> float:
 def _level(record: Record) -> np.ndarray:
     assert record.level is not None
     return record.level
+
+
+def _gate_integral(record: Record) -> np.ndarray:
+    assert record.zeta_integral is not None
+    return record.zeta_integral[:, 0]
 
 
 def _listed(values: Mapping[str, float], unit: str) -> str:

@@ -52,8 +52,8 @@ def estimation_figure(records: Mapping[str, Record], regressors: Regressors) -> 
     letters = iter("abcdefghijkl")
     for column, (name, record) in zip(grid.T, records.items(), strict=True):
         column[0].set_title(name)
-        for k, error in enumerate(record.theta_error.T):
-            column[0].plot(record.t, error, ls=PARAMETER_STYLES[k], lw=1.2, label=record.theta_labels[k])
+        for k, error in enumerate(record.parameter_error.T):
+            column[0].plot(record.t, error, ls=PARAMETER_STYLES[k], lw=1.2, label=record.parameter_labels[k])
         column[0].legend(fontsize=7, frameon=False)
         _finish(column[0], r"$\tilde\theta$ (SI units)", next(letters))
         for joint, error in enumerate(gravity_error(record, regressors).T):
@@ -68,15 +68,15 @@ def estimation_figure(records: Mapping[str, Record], regressors: Regressors) -> 
 
 def gravity_error(record: Record, regressors: Regressors) -> np.ndarray:
     """Psi(q) theta_U-error (N, nv) [N m]."""
-    errors = record.theta_error[:, -regressors.n_potential :]
-    return np.array([regressors.gravity(q) @ e for q, e in zip(record.q, errors, strict=True)])
+    return np.array([regressors.gravity(q) @ e for q, e in zip(record.q, record.theta_error, strict=True)])
 
 
 def _excitation(axes: Axes, name: str, record: Record) -> None:
-    if record.level is None:
+    if record.zeta_integral is not None:
         axes.plot(record.t, record.zeta_integral[:, 0], "k-", lw=1.4)
         axes.set_ylabel(r"$\int_0^t \zeta_1(\Delta)\,\mathrm{d}s$ [s]")
         return
+    assert record.level is not None  # of C3 and C4
     axes.plot(record.t, record.level, "k-", lw=1.4)
     what = r"\Phi_2" if name == "C3" else r"\int_0^t\Omega^\top\Omega\,\mathrm{d}s"
     axes.set_ylabel(rf"$\lambda_{{\min}}\{{{what}\}}$")

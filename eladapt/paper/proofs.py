@@ -13,7 +13,8 @@ from eladapt.paper.claims import Claim
 from eladapt.records.record import Record
 from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.run import simulate
-from eladapt.theory.lyapunov import LyapunovFunctions, smallest_gate
+from eladapt.theory.gates import gates_along
+from eladapt.theory.lyapunov import LyapunovFunctions
 
 SHARP_D1 = 2.0  # satisfies D_L >= d1 M(q), which the paper's d1 = 5 does not
 FINE = 4e-4  # [s], Runge-Kutta
@@ -53,7 +54,7 @@ def proof_claims() -> list[Claim]:
 def _finite_time_rows(name: str, functions: LyapunovFunctions, record: Record) -> list[Claim]:
     """(dotVft) with its two powers, and with the first alone (776): the least c_3 early and late."""
     value, rate = functions.along(record, "V_FT"), functions.rate_along(record, "V_FT")
-    gate, weights = smallest_gate(record), functions.weights
+    gate, weights = gates_along(functions.controller, record), functions.weights
     moving = (gate > 1e-9) & (value > 0)
     value, ratio = value[moving], -rate[moving] / (functions.gamma3 * gate[moving])
     single = ratio / value**weights.sigma_1
@@ -75,7 +76,7 @@ def _finite_time_rows(name: str, functions: LyapunovFunctions, record: Record) -
 def fine_run(composite: CompositeController) -> Record:
     """Case 1 by Runge-Kutta until shortly before the arm arrives."""
     plant = PinocchioPlant(composite.robot, START)
-    return simulate(composite, plant, np.array(GOAL), BEFORE_ARRIVAL, FINE, progress=False)
+    return simulate(composite, plant, np.array(GOAL), BEFORE_ARRIVAL, FINE, theta0="zero", progress=False)
 
 
 def slotine_li_lyapunov(weight: float, duration: float = 1.0, dt: float = 1e-4) -> np.ndarray:

@@ -7,25 +7,29 @@ use: it holds the same equations with numerics for any arm.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.proximal import signed_power
-from eladapt.errors import require_vector
+from eladapt.control.starting import starting_parameters
 from eladapt.estimation.adaptation import CompositeLaw
-from eladapt.estimation.excitation import Excitation, GateMonitor, saturation
+from eladapt.estimation.excitation import saturation
 from eladapt.paper.typeset_estimation import (
     EulerFilterState,
     EulerForceBalance,
     EulerKreisselmeier,
     EulerLeastSquares,
+    Excitation,
     Extended,
+    GateMonitor,
     cramer,
 )
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
+from eladapt.robot.protocols import Goal
 from eladapt.signals import Measurement, MixedRegression, Regression
 
 
@@ -56,23 +60,44 @@ class TypesetComposite:
     def robot(self) -> Robot:
         return self.regressors.robot
 
-    def init(self, measurement: Measurement, theta0: np.ndarray | None = None) -> TypesetState:
-        """Filters at rest, theta_U = theta0 (j,) or zero."""
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Those of theta_U, which is all that is estimated."""
+        return self.regressors.labels[len(self.regressors) - self.regressors.n_potential :]
+
+    def recorded(self, state: TypesetState) -> dict[str, Any]:
+        """theta_U, Delta, zeta_1 and its integral."""
+        gates, integral = state.excitation
+        return {
+            "parameters": state.theta, "theta": state.theta, "delta": np.atleast_1d(state.mixed.gain),
+            "zeta": gates, "zeta_integral": integral,
+        }  # fmt: skip
+
+    def reviewed(self, state: TypesetState, frame: str | None) -> dict[str, np.ndarray]:
+        """Nothing."""
+        return {}
+
+    def true_parameters(self, model: pin.Model) -> np.ndarray:
+        """(j,) theta_U on an arm with this model. Raises ArgumentError for one with other joints."""
+        return self.regressors.theta_of(model)[len(self.regressors) - self.regressors.n_potential :]
+
+    def init(self, measurement: Measurement, theta0: str | np.ndarray | None = None) -> TypesetState:
+        """Filters at rest. theta0: "urdf", "zero" (also None), (j,), or (l,) for its last block."""
         j = self.regressors.n_potential
-        theta = np.zeros(j) if theta0 is None else require_vector("theta0", theta0, j)
+        theta = starting_parameters(theta0, self.regressors)[len(self.regressors) - j :]
         filters = self.regression.init(measurement)
         regression = Regression(filters.y, filters.omega)
         extended = self.extension.init(len(self.regressors))
-        excitation = GateMonitor().init(1)
+        excitation = GateMonitor().init()
         return TypesetState(
             measurement, theta, np.zeros(j), filters, regression, extended, cramer(extended), excitation
         )
 
     def step(
-        self, state: TypesetState, measurement: Measurement, goal: np.ndarray, dt: float
+        self, state: TypesetState, measurement: Measurement, goal: Goal, dt: float
     ) -> tuple[TypesetState, np.ndarray]:
-        """All states at ``measurement`` from those one dt [s] earlier, and the torque (278) there."""
-        e1 = self.robot.difference(goal, measurement.q)
+        """All states at ``measurement`` from those one dt [s] earlier, and the torque (278) there, to q_d."""
+        e1 = self.robot.difference(self.robot.check_goal(goal).q, measurement.q)
         psi = self.regressors.gravity(measurement.q)
         if measurement.t > state.measurement.t:
             filters, regression = self.regression.step(state.filters, measurement, dt)
@@ -93,7 +118,7 @@ class TypesetComposite:
         self, theta: np.ndarray, psi: np.ndarray, e1: np.ndarray, e2: np.ndarray, mixed: MixedRegression
     ) -> np.ndarray:
         """The right side of (318)."""
-        law, delta = self.law, mixed.delta
+        law, delta = self.law, float(mixed.gain)
         total = law.gamma1 + law.gamma2
         xi = signed_power(delta * theta - mixed.Y[-len(theta) :], law.b)
         direct = psi.T @ (law.gamma1 * law.d1 * np.tanh(e1) + total * e2)

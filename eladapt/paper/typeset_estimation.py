@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eladapt.estimation.excitation import zeta_1
 from eladapt.regressors.regressors import Regressors
 from eladapt.signals import Measurement, MixedRegression, Regression
 
@@ -133,4 +134,27 @@ def cramer(extended: Extended) -> MixedRegression:
     size = len(extended.vector)
     replaced = np.repeat(extended.matrix[None], size, axis=0)
     replaced[np.arange(size), :, np.arange(size)] = extended.vector
-    return MixedRegression(np.linalg.det(replaced), float(np.linalg.det(extended.matrix)), np.eye(size))
+    return MixedRegression(np.linalg.det(replaced), float(np.linalg.det(extended.matrix)))
+
+
+class Excitation(NamedTuple):
+    """What the adaptation law has seen."""
+
+    gates: np.ndarray  # (1,) zeta_1 now
+    integral: np.ndarray  # (1,) its integral [s]; (IELSDREM) asks for it to grow
+
+
+@dataclass(frozen=True)
+class GateMonitor:
+    """Integrates zeta_1 (476c), the quantity in which both finite-time propositions are stated."""
+
+    b: float = 0.5
+    d: float = 0.5
+
+    def init(self) -> Excitation:
+        """Nothing seen."""
+        return Excitation(np.zeros(1), np.zeros(1))
+
+    def step(self, excitation: Excitation, mixed: MixedRegression, dt: float) -> Excitation:
+        gates = np.reshape(zeta_1(float(mixed.gain), self.b, self.d), 1)
+        return Excitation(gates, excitation.integral + dt * gates)

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import json
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from eladapt.errors import ArgumentError, RecordError
 from eladapt.files import atomic_write
-from eladapt.robot.model import Robot
-from eladapt.simulation.disturbances import Payload
 
-FORMAT = 1
-ARRAYS = (
-    "t", "q", "v", "tau", "goal", "error", "theta", "delta", "zeta", "zeta_integral", "effort_limit",
+FORMAT = 2
+ARRAYS = ("t", "q", "v", "tau", "goal", "error", "parameters", "effort_limit", "velocity_limit")
+OPTIONAL_ARRAYS = (
+    "goal_velocity", "goal_acceleration", "delta", "zeta", "zeta_integral", "level", "innovation",
+    "excitation", "carried", "parameters_true", "parameters_true_course",
 )  # fmt: skip
-OPTIONAL_ARRAYS = ("theta_true", "theta_true_course", "level", "carried")
-LOAD_PERIOD = 1 / 30  # [s] between the samples of the estimated load: as often as it is drawn
 
 
 class Metrics(NamedTuple):
@@ -33,15 +31,18 @@ class Metrics(NamedTuple):
     parameter_settling: float  # [s] from when on every |theta error| stays below 1 %; nan if unknown
     chatter: float  # [N m] largest peak-to-peak torque, less its trend, in the last second
     control_energy: float  # [N^2 m^2 s] integral of |tau|^2
+    peak_speed: float  # [-] largest |v_i| as a part of the joint's limit; nan where no joint has one
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Record:
     """N samples of a run. q and v are the plant's true state, tau what was commanded at the sample.
 
-    theta_true is what the estimates should become, where it is known, with the load that hangs on the arm
-    at the end; where a load came or went, theta_true_course has it sample by sample. ``configuration``
-    says what made the record: controller, robot and versions, in plain JSON types.
+    parameters_true is what the estimates should become, where it is known, with the load that hangs on the
+    arm at the end; where a load came or went, parameters_true_course has it sample by sample. The gravity
+    parameters theta are the last ``n_potential`` ones. ``configuration`` says what made the record:
+    controller, robot and versions, in plain JSON types. What is None was not there: a goal that stood still
+    has no velocity, and only some laws have Delta and zeta.
     """
 
     t: np.ndarray  # (N,) [s]
@@ -49,53 +50,100 @@ class Record:
     v: np.ndarray  # (N, nv) [rad/s]
     tau: np.ndarray  # (N, nv) [N m]
     goal: np.ndarray  # (N, nq)
-    error: np.ndarray  # (N, nv) e1 = q - q_d [rad]
-    theta: np.ndarray  # (N, j) estimates
-    delta: np.ndarray  # (N, k) Delta, or one a direction
-    zeta: np.ndarray  # (N, k) gates zeta_1 in [0, 1)
-    zeta_integral: np.ndarray  # (N, k) [s]
+    error: np.ndarray  # (N, nv) e1 = q - q_d at the sample [rad]
+    parameters: np.ndarray  # (N, l) estimates of all that the controller learns
+    n_potential: int  # j
     effort_limit: np.ndarray  # (nv,) [N m], inf where there is none
+    velocity_limit: np.ndarray  # (nv,) [rad/s], inf where there is none
     dt: float  # [s]
     joint_names: tuple[str, ...]
-    theta_labels: tuple[str, ...]
-    theta_true: np.ndarray | None  # (j,)
+    parameter_labels: tuple[str, ...]  # l
     robot_source: dict[str, Any]
     title: str
     configuration: dict[str, Any]
-    theta_true_course: np.ndarray | None = None  # (N, j), where a load changes theta_true
-    level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated, if kept
+    parameters_true: np.ndarray | None = None  # (l,)
+    parameters_true_course: np.ndarray | None = None  # (N, l)
+    goal_velocity: np.ndarray | None = None  # (N, nv) v_d [rad/s]
+    goal_acceleration: np.ndarray | None = None  # (N, nv) a_d [rad/s^2]
+    delta: np.ndarray | None = None  # (N, k) Delta, or one a direction
+    zeta: np.ndarray | None = None  # (N, k) gates zeta_1 in [0, 1)
+    zeta_integral: np.ndarray | None = None  # (N, k) [s]
+    level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated
+    innovation: np.ndarray | None = None  # (N,) what a regression said that nothing before it had
+    excitation: np.ndarray | None = None  # (m, 1 + j) t [s], what is known of gravity, in [0, 1]
     carried: np.ndarray | None = None  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
-    final_state: Any = dataclasses.field(default=None, repr=False)  # the controller's last; not saved
+    final_state: Any = None  # the controller's last; not saved
 
     def __len__(self) -> int:
         return len(self.t)
 
+    def __repr__(self) -> str:
+        learned = f", {len(self.parameter_labels)} parameters" if self.parameter_labels else ""
+        return (
+            f"Record({self.title!r}: {len(self.joint_names)} joints, {len(self)} samples of {self.dt:g} s"
+            f"{learned})"
+        )
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(N, j) estimates of the gravity parameters."""
+        return self.parameters[:, self._gravity]
+
+    @property
+    def theta_labels(self) -> tuple[str, ...]:
+        """j names."""
+        return self.parameter_labels[self._gravity]
+
+    @property
+    def theta_true(self) -> np.ndarray | None:
+        """(j,) what theta should become, None where it is not known."""
+        return None if self.parameters_true is None else self.parameters_true[self._gravity]
+
+    @property
+    def theta_true_course(self) -> np.ndarray | None:
+        """(N, j) what theta should be at each sample, where a load changes it."""
+        course = self.parameters_true_course
+        return None if course is None else course[:, self._gravity]
+
     @property
     def theta_error(self) -> np.ndarray:
         """(N, j) estimate less true value. Raises RecordError where the true value is not known."""
-        if self.theta_true is None:
+        return self.parameter_error[:, self._gravity]
+
+    @property
+    def parameter_error(self) -> np.ndarray:
+        """(N, l) estimate less true value. Raises RecordError where the true value is not known."""
+        if self.parameters_true is None:
             raise RecordError(f"record {self.title!r} does not know the true parameters")
-        return self.theta - (self.theta_true if self.theta_true_course is None else self.theta_true_course)
+        course = self.parameters_true_course
+        return self.parameters - (self.parameters_true if course is None else course)
+
+    @property
+    def _gravity(self) -> slice:
+        size = self.parameters.shape[1]
+        return slice(size - self.n_potential, size)
 
     def settling_time(self, threshold: float = 1e-3) -> float:
         """[s] from when on every |e_i| stays below ``threshold`` [rad]; inf if it does not."""
         return _settled(self.t, np.abs(self.error).max(axis=1) < threshold)
 
     def parameter_settling(self, relative: float = 0.01) -> float:
-        """[s] from when on every estimate stays within ``relative`` of its true value."""
+        """[s] from when on every theta stays within ``relative`` of its true value."""
         bound = relative * np.abs(self.theta_true if self.theta_true is not None else np.nan)
         return _settled(self.t, np.all(np.abs(self.theta_error) < bound, axis=1))
 
     def metrics(self, threshold: float = 1e-3) -> Metrics:
-        """Settling, steady error, chatter and energy; ``threshold`` [rad]."""
+        """Settling, steady error, chatter, energy and speed; ``threshold`` [rad]."""
         last = self.t >= self.t[-1] - 1
-        known = self.theta_true is not None
+        known, limited = self.parameters_true is not None, np.isfinite(self.velocity_limit)
+        speed = np.abs(self.v[:, limited]) / self.velocity_limit[limited]
         return Metrics(
             settling_time=self.settling_time(threshold),
             steady_error=float(np.abs(self.error[last]).max()),
             parameter_settling=self.parameter_settling() if known else float("nan"),
             chatter=chatter(self.t[last], self.tau[last]),
             control_energy=float(np.sum(self.tau**2) * self.dt),
+            peak_speed=float(speed.max()) if limited.any() else float("nan"),
         )
 
     def save(self, path: str | Path) -> Path:
@@ -126,143 +174,29 @@ class Record:
                 arrays = {name: file[name] for name in file.files if name != "header"}
         except FileNotFoundError:
             raise RecordError(f"{path}: no such record; Record.save writes one") from None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as reason:
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            EOFError,
+            SyntaxError,
+            TokenError,
+            zipfile.BadZipFile,
+        ) as reason:
             raise RecordError(f"{path}: not a record, or a damaged one ({reason})") from reason
-        if header.pop("format", None) != FORMAT:
-            raise RecordError(f"{path}: written in another format than {FORMAT}; make it again")
+        if (given := header.pop("format", None)) != FORMAT:
+            made = header.get("configuration", {}).get("versions", {}).get("eladapt", "another release")
+            raise RecordError(
+                f"{path}: a record in format {given}, written by eladapt {made}; this one reads format "
+                f"{FORMAT}. Run the simulation again, or open it with that release"
+            )
         missing = [name for name in ARRAYS if name not in arrays]
         if missing:
             raise RecordError(f"{path}: lacks {', '.join(missing)}; make it again")
-        for name in ("joint_names", "theta_labels"):
+        for name in ("joint_names", "parameter_labels"):
             header[name] = tuple(header[name])
         optional = dict.fromkeys(OPTIONAL_ARRAYS)
         return cls(**{**optional, **arrays, **header})
-
-
-class Recorder:
-    """Collects samples while a run goes on; `record` can be called at any time."""
-
-    def __init__(
-        self, robot: Robot, controller: Any, dt: float, capacity: int, title: str, plant: Any = None
-    ):
-        self.robot, self.controller, self.dt, self.title = robot, controller, dt, title
-        self.plant, self.count, self.capacity = plant, 0, capacity
-        self._columns: dict[str, np.ndarray] = {}
-        self._state: Any = None
-        self._kept: list[tuple[float, Any]] = []  # states from which the load is estimated afterwards
-
-    def add(
-        self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: np.ndarray, state: Any
-    ) -> None:
-        """One sample; ``state`` is the controller's."""
-        theta = getattr(state, "theta", np.zeros(0))
-        mixed, excitation = getattr(state, "mixed", None), getattr(state, "excitation", None)
-        sample = {
-            "t": t, "q": q, "v": v, "tau": tau, "goal": goal,
-            "error": _error(self.robot, goal, q),
-            "theta": theta,
-            "delta": np.atleast_1d(mixed.delta) if mixed else np.zeros(0),
-            "zeta": excitation.gates if excitation else np.zeros(0),
-            "zeta_integral": excitation.integral if excitation else np.zeros(0),
-        }  # fmt: skip
-        if hasattr(state, "level"):
-            sample["level"] = state.level
-        self._state = state
-        if not self._kept or t - self._kept[-1][0] >= LOAD_PERIOD - self.dt / 2:
-            self._kept.append((t, state))
-        for name, value in sample.items():
-            if name not in self._columns:
-                self._columns[name] = np.empty((self.capacity, *np.shape(value)))
-            self._columns[name][self.count] = value
-        self.count += 1
-
-    def record(self) -> Record:
-        """All that was added so far."""
-        columns = {name: column[: self.count].copy() for name, column in self._columns.items()}
-        level = columns.pop("level", None)
-        regressors = getattr(self.controller, "regressors", None)
-        labels, true = (), None
-        if regressors is not None:
-            size = columns["theta"].shape[1]
-            labels = regressors.labels[len(regressors) - size :]
-            true = regressors.theta[len(regressors) - size :]
-        course = None
-        payload = self._payload()
-        if regressors is not None and true is not None and payload is not None:
-            loaded = regressors.theta_of(payload.loaded(self.robot))[len(regressors) - size :]
-            held = np.array([payload.held(t) for t in columns["t"]])
-            course = np.where(held[:, None], loaded, true)
-            true = course[-1].copy()
-        return Record(
-            **columns, level=level, theta_true_course=course, carried=self._carried(),
-            final_state=self._state, effort_limit=self.robot.effort_limit, dt=self.dt,
-            joint_names=self.robot.joint_names, theta_labels=tuple(labels), theta_true=true,
-            robot_source=self.robot.source, title=self.title or self.robot.name,
-            configuration={
-                "controller": describe(self.controller),
-                "plant": describe_plant(self.plant),
-                "versions": versions(),
-            },
-        )  # fmt: skip
-
-    def _payload(self) -> Payload | None:
-        plant = self.plant
-        while "plant" in getattr(plant, "__dict__", ()):  # below encoders and buses
-            plant = plant.plant
-        return getattr(plant, "payload", None)
-
-    def _carried(self) -> np.ndarray | None:
-        """The load over time, where the plant has one or the controller noticed one."""
-        estimate = getattr(self.controller, "carried", None)
-        change = getattr(self._state, "change", None)
-        payload = self._payload()
-        if estimate is None or not (payload or (change and change.noticed)):
-            return None
-        frame = payload.frame if payload else None
-        found = [(t, estimate(state, frame)) for t, state in self._kept]
-        return np.array([[t, load.mass, *load.com, load.misfit] for t, load in found])
-
-
-def _error(robot: Robot, goal: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """e1 = q - q_d; nan where a sensor's failure left nothing to subtract."""
-    try:
-        return robot.difference(goal, q)
-    except ArgumentError:
-        return np.full(robot.nv, np.nan)
-
-
-def describe(value: Any) -> Any:
-    """A configuration as plain JSON types: dataclasses by their fields, arrays as lists."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: describe(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {"class": type(value).__name__, **fields}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, str | int | float | bool | None):
-        return value
-    if isinstance(value, tuple | list):
-        return [describe(item) for item in value]
-    return type(value).__name__
-
-
-SETTINGS = (
-    "integrator", "substeps", "seed", "joint_friction", "friction", "noise", "payload",
-    "resolution", "time_constant", "delay",
-)  # fmt: skip
-
-
-def describe_plant(plant: Any) -> Any:
-    """What was simulated, as plain JSON types; what stands around a plant comes first."""
-    if plant is None:
-        return None
-    settings = {name: describe(getattr(plant, name)) for name in SETTINGS if name in vars(plant)}
-    inner = {"plant": describe_plant(plant.plant)} if "plant" in vars(plant) else {}
-    return {"class": type(plant).__name__, **settings, **inner}
-
-
-def versions() -> dict[str, str]:
-    """The releases that made a record."""
-    return {name: importlib.metadata.version(name) for name in ("eladapt", "pin", "numpy", "scipy")}
 
 
 def chatter(t: np.ndarray, tau: np.ndarray) -> float:

@@ -13,6 +13,7 @@ import importlib.metadata
 import io
 import json
 import sys
+import tokenize
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,9 +23,9 @@ import numpy as np
 
 from eladapt.errors import ArgumentError, StateError
 from eladapt.files import atomic_write
-from eladapt.records.fingerprint import configuration
+from eladapt.records.description import identity
 
-FORMAT = 1
+FORMAT = 2
 SHOWN = 4  # differences named in a message
 
 
@@ -32,7 +33,7 @@ class StateWriter:
     """Writes states of one controller, of which what it is made of is looked up but once."""
 
     def __init__(self, controller: Any):
-        self.configuration = configuration(controller)
+        self.configuration = identity(controller)
         self.key = _key(self.configuration)
 
     def write(self, path: str | Path, state: Any) -> Path:
@@ -76,7 +77,10 @@ def load_state(path: str | Path, controller: Any) -> Any:
             header = json.loads(str(file["header"]))
             arrays = {name: file[name] for name in file.files if name != "header"}
         if header["format"] != FORMAT:
-            raise StateError(f"{path}: written in format {header['format']}, expected {FORMAT}")
+            raise StateError(
+                f"{path}: a state in format {header['format']}, written by eladapt {header.get('eladapt')}; "
+                f"this one reads format {FORMAT}. Begin with controller.init, or go on with that release"
+            )
         tree, kept, key, digest = (header[name] for name in ("tree", "configuration", "key", "digest"))
         whole = digest == _digest(tree, arrays) and key == _key(kept)
     except FileNotFoundError:
@@ -84,11 +88,13 @@ def load_state(path: str | Path, controller: Any) -> Any:
     except (
         OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, RuntimeError, MemoryError,
         zipfile.BadZipFile,
+        SyntaxError,
+        tokenize.TokenError,
     ) as reason:  # fmt: skip
         raise StateError(f"{path}: not a saved state, or a damaged one ({reason})") from reason
     if not whole:
         raise StateError(f"{path}: damaged, its contents are not what was written; use an older one")
-    made_of = configuration(controller)
+    made_of = identity(controller)
     if key != _key(made_of):
         said = _differences(kept, made_of)
         raise StateError(f"{path}: saved by another controller or for another robot: {said}")

@@ -70,19 +70,21 @@ class Samples(NamedTuple):
 
     kinetic: np.ndarray  # (SAMPLES nv, s)
     gravity: np.ndarray  # (SAMPLES nv, s)
+    velocity: np.ndarray  # (SAMPLES, nv) [rad/s]
 
 
 def sample(standard: StandardRegressors, count: int = SAMPLES, seed: int = 0) -> Samples:
     """Regressors at ``count`` random states within the joint limits; absent parameters have none."""
     rng = np.random.default_rng(seed)
     robot = standard.robot
-    kinetic, gravity = [], []
+    kinetic, gravity, velocity = [], [], []
     for _ in range(count):
         q, v, a = robot.random_configuration(rng), rng.normal(size=robot.nv), rng.normal(size=robot.nv)
         kinetic.append(standard.kinetic_torque(q, v, a))
         gravity.append(standard.gravity(q))
-    samples = Samples(np.vstack(kinetic), np.vstack(gravity))
-    for stacked in samples:
+        velocity.append(v)
+    samples = Samples(np.vstack(kinetic), np.vstack(gravity), np.array(velocity))
+    for stacked in (samples.kinetic, samples.gravity):
         stacked[:, standard.absent] = 0
     return samples
 

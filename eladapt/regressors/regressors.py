@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, require_vector
+from eladapt.errors import ArgumentError, UnknownNameError, require_vector
+from eladapt.regressors import joint_terms as terms
 from eladapt.regressors.base import ROUNDING, ParameterBasis, independent_basis, sample, shared_basis
+from eladapt.regressors.projection import Columns, project
 from eladapt.regressors.standard import StandardRegressors
-from eladapt.robot.batch import Path, Positions, TorqueRegressors
 from eladapt.robot.model import Robot
 
 SPAN_TOLERANCE = 1e-9  # relative; a basis of one's own must reproduce the torque this well
@@ -21,38 +21,54 @@ SPAN_TOLERANCE = 1e-9  # relative; a basis of one's own must reproduce the torqu
 class Regressors:
     """Turns a robot into regressors W(q, v, a) with W @ theta = tau.
 
+    theta = [theta_M, theta_F, theta_U]: what only the motion sees of bodies and rotors; viscous friction,
+    Coulomb friction and torque offsets, nv each; what gravity sees.
+
     sharing: "shared" uses one base for motion and gravity, [complement; gravity base];
         "independent" gives theta_M and theta_U no parameter in common, as the paper has it (250).
-    friction: False, "viscous" (nv parameters), "coulomb" (nv) or True (both, viscous first).
-        Nominal values are the URDF's damping and friction.
+    joint_terms: any of "rotor", "viscous", "coulomb", "offset" (one name, or several in any order), each for
+        every joint whatever the URDF says of it; see `eladapt.regressors.joint_terms`. Nominal values are the
+        URDF's armature, damping and friction, and offsets of 0. Without "rotor" only the joints to which
+        the model gives an armature have a rotor.
     basis: a ParameterBasis of one's own; it fixes the units too, and must reproduce the robot's
         nominal torque (what it leaves out, such as masses off a centre line, the robot must not have).
     scaled: columns have unit RMS over random states, so every parameter is the torque [N m] that
-        it typically makes and one gain serves them all. Never done to a basis of one's own.
+        it typically makes and one gain serves them all: theta = scale * physical parameters. Without it,
+        and always with a basis of one's own, ``scale`` is 1.
 
-    Raises ArgumentError for an unknown option, or a basis that does not span the regressors.
-    Warns (RankWarning) when the rank of the base is not clear; ``rank_gap`` has the figure.
+    Attributes: robot, sharing, basis; ``joint_terms`` in the order above; ``viscous``, ``coulomb``,
+    ``offset``: whether theta_F has them (`block` says where); ``n_inertial``, ``n_friction``,
+    ``n_potential``: the sizes of theta_M, theta_F, theta_U; ``scale`` (l,). `coulomb_speed` [rad/s]: over
+    which speed `slotine_li` turns Coulomb friction round.
+
+    Raises ArgumentError for an unknown sharing, or a basis that does not span the regressors;
+    UnknownNameError for an unknown joint term. Warns (RankWarning) when the rank of the base is not clear;
+    ``rank_gap`` has the figure.
     """
+
+    coulomb_speed = 0.001
 
     def __init__(
         self,
         robot: Robot,
         sharing: Literal["shared", "independent"] = "shared",
-        friction: bool | Literal["viscous", "coulomb"] = False,
+        joint_terms: str | Iterable[str] = (),
         basis: ParameterBasis | None = None,
         *,
         scaled: bool = True,
     ):
         if sharing not in ("shared", "independent"):
             raise ArgumentError(f"sharing: expected 'shared' or 'independent', got {sharing!r}")
-        if friction not in (False, True, "viscous", "coulomb"):
-            raise ArgumentError(f"friction: expected False, True, 'viscous' or 'coulomb', got {friction!r}")
         self.robot, self.sharing = robot, sharing
-        self.viscous, self.coulomb = friction in (True, "viscous"), friction in (True, "coulomb")
-        self._standard = StandardRegressors(robot)
+        self.joint_terms = terms.in_order(joint_terms)
+        self.viscous, self.coulomb, self.offset = (name in self.joint_terms for name in terms.FRICTION_TERMS)
+        self._friction_terms = tuple(name for name in terms.FRICTION_TERMS if name in self.joint_terms)
+        self._standard = StandardRegressors(robot, every_rotor="rotor" in self.joint_terms)
+        self._still = np.zeros(robot.nv)  # writable, unlike robot.still: another type to the kernel
         samples = sample(self._standard)
         # In a base shared by motion and gravity one product makes both.
-        self._one_base = basis is None and sharing == "shared"
+        self._own = basis is not None
+        self._one_base = not self._own and sharing == "shared"
         if basis is None:
             derive = shared_basis if sharing == "shared" else independent_basis
             basis = derive(self._standard, samples)
@@ -65,21 +81,32 @@ class Regressors:
         p = len(basis.labels)
         self.n_potential = basis.n_potential
         self.n_inertial = p - basis.n_potential
-        self.n_friction = robot.nv * (self.viscous + self.coulomb)
+        self.n_friction = robot.nv * len(self._friction_terms)
         self.scale = np.ones(p + self.n_friction)  # theta = scale * physical base parameters
         if scaled:
-            torque = samples.kinetic @ basis.kinetic
-            torque[:, self.n_inertial :] = samples.gravity @ basis.potential[:, self.n_inertial :]
-            self.scale[self._inertial] = np.sqrt(np.mean(torque**2, axis=0))
-        # From standard to base parameters (s, l), with zeros for friction.
+            torque = samples.kinetic @ basis.kinetic + samples.gravity @ basis.potential
+            self.scale[self.inertial] = np.sqrt(np.mean(torque**2, axis=0))
+            for name in self._friction_terms:
+                self.scale[self.block(name)] = terms.column_scale(name, samples.velocity)
+        # From standard parameters to theta (s, l), with zeros for friction; as dense arrays for the energy.
         self._kinetic_map = self._spread(basis.kinetic)
         self._potential_map = self._spread(basis.potential)
-        self._gravity_map = self._potential_map[:, len(self) - self.n_potential :].copy()
-        self._viscous_at, self._coulomb_at = self._friction_entries()
+        self._torque_columns = self._columns(self._kinetic_map, joint_columns=True)
+        self._kinetic_columns = self._columns(self._kinetic_map)
+        self._potential_columns = self._columns(self._potential_map)
+        self._gravity_columns = self._columns(self._potential_map[:, len(self) - self.n_potential :])
+
+    def __repr__(self) -> str:
+        base = "own basis" if self._own else f"sharing={self.sharing!r}"
+        sizes = f"{self.n_inertial} inertial + {self.n_friction} friction + {self.n_potential} potential"
+        return (
+            f"Regressors({self.robot.name}, {base}, joint_terms={self.joint_terms})\n"
+            f"    l = {len(self)} parameters = {sizes}"
+        )
 
     @property
     def robot_parameters(self) -> np.ndarray:
-        """(s,) the URDF's standard parameters."""
+        """(s,) the URDF's standard parameters: ten a body, then the rotors."""
         return self._standard.parameters
 
     @property
@@ -88,7 +115,7 @@ class Regressors:
         return self.basis.rank_gap
 
     @property
-    def _inertial(self) -> np.ndarray:
+    def inertial(self) -> np.ndarray:
         """Where the p base parameters stand in theta: all but the friction block."""
         return np.r_[0 : self.n_inertial, self.n_inertial + self.n_friction : len(self)]
 
@@ -99,14 +126,31 @@ class Regressors:
     def theta(self) -> np.ndarray:
         """(l,) the nominal parameters, those of the URDF."""
         theta = np.empty(len(self))
-        theta[self._inertial] = self.basis.projection @ self._standard.parameters
-        blocks = [self.robot.damping] * self.viscous + [self.robot.friction] * self.coulomb
-        theta[self.n_inertial : self.n_inertial + self.n_friction] = np.concatenate([*blocks, []])
+        theta[self.inertial] = self.basis.projection @ self._standard.parameters
+        for name in self._friction_terms:
+            theta[self.block(name)] = terms.nominal(self.robot, name)
         return self.scale * theta
 
+    def block(self, name: str) -> slice:
+        """Where "viscous", "coulomb" or "offset" stands in theta: nv parameters, or none if not asked for.
+
+        Raises UnknownNameError for another name. Rotors have no place of their own: they are combined with
+        the bodies, see ``labels``.
+        """
+        if name not in terms.FRICTION_TERMS:
+            raise UnknownNameError("block", [name], terms.FRICTION_TERMS)
+        nv = self.robot.nv
+        start = self.n_inertial + nv * sum(other in self.joint_terms for other in _before(name))
+        return slice(start, start + nv * (name in self.joint_terms))
+
+    @property
+    def friction(self) -> slice:
+        """Where theta_F stands in theta: viscous and Coulomb friction and offsets."""
+        return slice(self.n_inertial, self.n_inertial + self.n_friction)
+
     def theta_of(self, model: pin.Model) -> np.ndarray:
-        """(l,) the parameters of another model of the same arm, as one with a load is; friction and
-        armature are this robot's. Raises ArgumentError for a model with other joints."""
+        """(l,) the parameters of another model of the same arm, as one with a load is; rotors, friction
+        and offsets are this robot's. Raises ArgumentError for a model with other joints."""
         if list(model.names) != list(self.robot.model.names):
             raise ArgumentError(
                 f"model: expected the joints {list(self.robot.model.names)}, got {list(model.names)}"
@@ -116,7 +160,7 @@ class Regressors:
         change = np.zeros_like(standard)
         change[: 10 * len(bodies)] = np.concatenate(bodies) - standard[: 10 * len(bodies)]
         theta = self.theta
-        theta[self._inertial] += self.scale[self._inertial] * (self.basis.projection @ change)
+        theta[self.inertial] += self.scale[self.inertial] * (self.basis.projection @ change)
         return theta
 
     @property
@@ -127,34 +171,34 @@ class Regressors:
     @property
     def labels(self) -> tuple[str, ...]:
         """l names, in the order of theta; a leading factor is the column scale."""
-        joints = self.robot.joint_names
-        friction = [f"viscous({n})" for n in joints if self.viscous]
-        friction += [f"coulomb({n})" for n in joints if self.coulomb]
+        friction = [f"{name}({joint})" for name in self._friction_terms for joint in self.robot.joint_names]
         names = list(self.basis.labels)
         names[self.n_inertial : self.n_inertial] = friction
         return tuple(n if s == 1 else f"{s:.3g} ({n})" for n, s in zip(names, self.scale, strict=True))
 
     def gravity(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
         """Psi(q) (nv, n_potential): Psi @ theta_U = g(q) (209). check: whether q is to be validated."""
-        return self._standard.gravity(self.robot.check_q(q) if check else q) @ self._gravity_map
+        return self._gravity(self.robot.check_q(q) if check else q, self._gravity_columns)
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """[M_k(q) v]_k (nv, l): varphi_3 of (419)."""
-        q, v = self.robot.check_q(q), self.robot.check_v(v)
-        return self._standard.momentum(q, v) @ self._kinetic_map
+        """[M_k(q) v]_k (nv, l): varphi_3 of (419), the torque of the acceleration v from rest."""
+        q, v, still = self.robot.check_q(q), self.robot.check_v(v), self._still
+        bodies = self._standard.bodies(q, still, v, weight=False)
+        return project(bodies, v, still, 0.0, *self._kinetic_columns)
 
     def kinetic_gradient(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """[1/2 grad_q v' M_k v]_k = [C_k' v]_k (nv, l), of (401)."""
-        q, v = self.robot.check_q(q), self.robot.check_v(v)
-        return self._standard.kinetic_gradient(q, v) @ self._kinetic_map
+        q, v, still = self.robot.check_q(q), self.robot.check_v(v), self._still
+        return project(self._standard.kinetic_gradient(q, v), still, still, 0.0, *self._kinetic_columns)
 
     def potential_gradient(self, q: np.ndarray) -> np.ndarray:
         """[grad U_k]_k (nv, l): varphi_2 of (419), zero but for theta_U."""
-        return self._standard.gravity(self.robot.check_q(q)) @ self._potential_map
+        return self._gravity(self.robot.check_q(q), self._potential_columns)
 
-    def friction_torque(self, v: np.ndarray) -> np.ndarray:
-        """[diag(v), diag(sign v)] in the friction columns (nv, l), zero elsewhere."""
-        return self._add_friction(np.zeros((self.robot.nv, len(self))), self.robot.check_v(v))
+    def joint_torque(self, v: np.ndarray) -> np.ndarray:
+        """[diag(v), diag(sign v), identity] in the columns of theta_F (nv, l), zero elsewhere."""
+        v, nothing = self.robot.check_v(v), np.zeros((self.robot.nv, self._standard.n_body_parameters))
+        return project(nothing, self._still, v, 0.0, *self._torque_columns)
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """omega(q, v) (l,): omega @ theta = kinetic + potential energy, up to a constant (Omega)."""
@@ -163,101 +207,79 @@ class Regressors:
         return kinetic + self._standard.potential_energy(q) @ self._potential_map
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, check: bool = True) -> np.ndarray:
-        """W (nv, l): W @ theta = M a + C v + g + friction, armature included.
+        """W (nv, l): W @ theta = M a + C v + g + friction + offsets, rotors included.
 
-        check: whether the arguments are to be validated; unchecked ones may have leading axes.
+        check: whether the arguments are to be validated.
         """
         if check:
             q, v, a = self.robot.check_q(q), self.robot.check_v(v), self.robot.check_v(a, "a")
-        if self._one_base:
-            standard = self._standard.torque(q, v, a)
-            if v.ndim == 1:
-                return self._add_friction(standard @ self._kinetic_map, v)
-            rows = standard.reshape(-1, standard.shape[-1]) @ self._kinetic_map  # one product for all
-            return self._add_friction(rows.reshape(*v.shape, -1), v)
-        if v.ndim > 1:
-            return np.array([self.torque(*state, check=False) for state in zip(q, v, a, strict=True)])
-        return self._assemble(self._standard.kinetic_torque(q, v, a), q, v)
+        bodies = self._standard.bodies(q, v, a, weight=self._one_base)
+        regressor = project(bodies, a, v, 0.0, *self._torque_columns)
+        return regressor if self._one_base else regressor + self._gravity(q, self._potential_columns)
 
-    def filtered_torque(self, omega: np.ndarray, rho: float, weight: np.ndarray, path: Path) -> np.ndarray:
-        """rho omega + weight W (B, nv, l): what the filter of (419) makes of a step along each path.
-
-        omega (B, nv, l), weight (nv,), of the rows; W is the mean of `torque` over the points of a path. By
-        numba (extra ``fast``) in one call, without Pinocchio. Raises ArgumentError where there are friction
-        columns, EladaptError without numba.
-        """
-        if self.n_friction:
-            raise ArgumentError("friction: expected regressors without friction columns, got some")
-        first, *others = self._compiled
-        filtered = first.filtered(omega, rho, weight, path)
-        for other in others:
-            filtered = other.filtered(filtered, 1.0, weight, path)
-        return filtered
-
-    @functools.cached_property
-    def positions(self) -> Positions:
-        """Differences and sums of many positions at once."""
-        return Positions(self.robot.model)
-
-    @functools.cached_property
-    def _compiled(self) -> list[TorqueRegressors]:
-        """What adds up to W without friction."""
-        if self._one_base:
-            return [TorqueRegressors(self.robot, self._kinetic_map)]
-        return [
-            TorqueRegressors(self.robot, self._kinetic_map, weightless=True),
-            TorqueRegressors(self.robot, self._potential_map, still=True),
-        ]
-
-    def slotine_li(self, q: np.ndarray, v: np.ndarray, vr: np.ndarray, ar: np.ndarray) -> np.ndarray:
-        """W_r (nv, l): W_r @ theta = M ar + C(q, v) vr + g (+ friction at v where it has columns).
+    def slotine_li(
+        self, q: np.ndarray, v: np.ndarray, vr: np.ndarray, ar: np.ndarray, *, check: bool = True
+    ) -> np.ndarray:
+        """W_r (nv, l): W_r @ theta = M ar + C(q, v) vr + g + the joint terms at vr, for feed-forward.
 
         The Christoffel C is symmetric, C(q, v) vr = C(q, vr) v, so it is polarised from the
-        quadratic form c(v) = C(q, v) v: 4 C(q, v) vr = c(v + vr) - c(v - vr).
+        quadratic form c(v) = C(q, v) v: 4 C(q, v) vr = c(v + vr) - c(v - vr). Coulomb friction stands as
+        diag(tanh(vr / coulomb_speed)). With vr = ar = 0 only gravity and the offsets are left.
+
+        check: whether the arguments are to be validated.
         """
-        q, v = self.robot.check_q(q), self.robot.check_v(v)
-        vr, ar = self.robot.check_v(vr, "vr"), self.robot.check_v(ar, "ar")
-        kinetic = self._standard.kinetic_torque(q, (v + vr) / 2, ar)
-        kinetic = kinetic - self._standard.kinetic_torque(q, (v - vr) / 2, np.zeros_like(v))
-        return self._assemble(kinetic, q, v)
+        if check:
+            q, v = self.robot.check_q(q), self.robot.check_v(v)
+            vr, ar = self.robot.check_v(vr, "vr"), self.robot.check_v(ar, "ar")
+        bodies, still, one_base = self._standard.bodies, self._still, self._one_base
+        if np.count_nonzero(vr) or np.count_nonzero(ar) or not one_base:
+            difference = bodies(q, (v + vr) / 2, ar, weight=one_base)
+            difference -= bodies(q, (v - vr) / 2, still, weight=False)
+        else:
+            difference = bodies(q, still, still)
+        regressor = project(difference, ar, vr, self.coulomb_speed, *self._torque_columns)
+        return regressor if one_base else regressor + self._gravity(q, self._potential_columns)
 
     def inertial_parameters(self, theta: Sequence[float] | np.ndarray) -> np.ndarray:
         """(s,) the standard parameters nearest the URDF's with the base parameters ``theta`` (l,).
 
-        Least Euclidean change; ten a body, then the armatures. With sharing "independent",
-        theta_M and theta_U may contradict each other: then in the least-squares sense.
+        Least Euclidean change; ten a body, then the rotors; friction and offsets are not looked at. With
+        sharing "independent", theta_M and theta_U may contradict each other: then in the least-squares sense.
         """
         theta = require_vector("theta", theta, len(self))
-        base = (theta / self.scale)[self._inertial]
+        base = (theta / self.scale)[self.inertial]
         nominal = self._standard.parameters
         projection = self.basis.projection
         change, *_ = np.linalg.lstsq(projection, base - projection @ nominal, rcond=ROUNDING)
         return nominal + change
 
-    def _assemble(self, kinetic: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(nv, l) of a kinetic part (nv, s) in standard parameters, gravity and friction."""
-        regressor = kinetic @ self._kinetic_map + self._standard.gravity(q) @ self._potential_map
-        return self._add_friction(regressor, v)
-
-    def _add_friction(self, regressor: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """The regressor (nv, l), its zero friction columns filled in."""
-        if self.viscous:
-            regressor[..., *self._viscous_at] = v
-        if self.coulomb:
-            regressor[..., *self._coulomb_at] = np.sign(v)
-        return regressor
+    def _gravity(self, q: np.ndarray, to: Columns) -> np.ndarray:
+        """The regressor of g in the columns ``to``; the torque at rest."""
+        still = self._still
+        return project(self._standard.bodies(q, still, still), still, still, 0.0, *to)
 
     def _spread(self, columns: np.ndarray) -> np.ndarray:
         """(s, p) -> (s, l) in the units of theta, with zeros for friction."""
         spread = np.zeros((len(columns), len(self)))
-        spread[:, self._inertial] = columns / self.scale[self._inertial]
+        spread[:, self.inertial] = columns / self.scale[self.inertial]
         return spread
 
-    def _friction_entries(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """Rows and columns of the viscous and of the Coulomb friction that each joint has."""
-        rows = np.arange(self.robot.nv)
-        viscous = rows + self.n_inertial
-        return (rows, viscous), (rows, viscous + self.robot.nv * self.viscous)
+    def _columns(self, columns: np.ndarray, *, joint_columns: bool = False) -> Columns:
+        """A map (s, .) as the kernel reads it, with or without what theta_F is multiplied by."""
+        row, column = np.nonzero(columns)
+        bodies = np.arange(self._standard.n_body_parameters)
+        place = np.append(bodies, len(bodies) + self._standard.rotors)
+        first, size = np.full(3, -1), np.zeros((3, self.robot.nv))
+        if joint_columns:
+            for k, name in enumerate(terms.FRICTION_TERMS):
+                if name in self.joint_terms:
+                    first[k], size[k] = self.block(name).start, 1 / self.scale[self.block(name)]
+        return Columns(np.array([place[row], column]), columns[row, column], first, size, columns.shape[1])
+
+
+def _before(name: str) -> tuple[str, ...]:
+    """The friction terms that come before one."""
+    return terms.FRICTION_TERMS[: terms.FRICTION_TERMS.index(name)]
 
 
 def _require_span(

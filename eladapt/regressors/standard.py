@@ -1,7 +1,8 @@
 """Regressors in the standard parameters: ten a body, and one for each rotor.
 
 Order: [m, m cx, m cy, m cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz] about the joint frame's origin, for each
-moving body, then the armature of each joint that has one. Nothing here is differenced.
+moving body, then the rotor inertia of each joint that has one, or of every joint. Nothing here is
+differenced.
 """
 
 from __future__ import annotations
@@ -18,21 +19,25 @@ BODY_LABELS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 class StandardRegressors:
-    """Kinetic and potential regressors in the s standard parameters of a robot."""
+    """Kinetic and potential regressors in the s standard parameters of a robot.
 
-    def __init__(self, robot: Robot):
+    every_rotor: whether each joint has a rotor inertia, or only those to which the model gives one.
+    """
+
+    def __init__(self, robot: Robot, *, every_rotor: bool = False):
         self.robot = robot
         self._data = robot.model.createData()
         self._weightless = robot.weightless
-        self._rotors = np.flatnonzero(robot.armature)
-        self._rotor_columns = np.eye(robot.nv)[:, self._rotors]
+        self.rotors = np.arange(robot.nv) if every_rotor else np.flatnonzero(robot.armature)  # their joints
+        self._rotor_columns = np.eye(robot.nv)[:, self.rotors]
         self._still = np.zeros(robot.nv)
+        self.n_body_parameters = 10 * (robot.model.njoints - 1)
 
     @property
     def parameters(self) -> np.ndarray:
         """(s,) the values in the URDF."""
         bodies = [inertia.toDynamicParameters() for inertia in list(self.robot.model.inertias)[1:]]
-        return np.concatenate([*bodies, self.robot.armature[self._rotors]])
+        return np.concatenate([*bodies, self.robot.armature[self.rotors]])
 
     @property
     def absent(self) -> np.ndarray:
@@ -55,34 +60,33 @@ class StandardRegressors:
     def labels(self) -> list[str]:
         names = self.robot.joint_names
         bodies = [f"{label}({name})" for name in names for label in BODY_LABELS]
-        return bodies + [f"Ir({names[i]})" for i in self._rotors]
+        return bodies + [f"Ir({names[i]})" for i in self.rotors]
+
+    def bodies(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, weight: bool = True) -> np.ndarray:
+        """(nv, 10 bodies): the regressor of M a + C v + g without rotors; without g unless ``weight``."""
+        model = self.robot.model if weight else self._weightless
+        found = pin.computeJointTorqueRegressor(model, self._data, q, v, a)
+        # Pinocchio's bindings return an only row as a vector.
+        return found if self.robot.nv > 1 else found.reshape(1, -1)
 
     def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """(nv, s): the regressor of M a + C v + g; with leading axes, of as many states."""
-        if q.ndim > 1:
-            return np.array([self.torque(*state) for state in zip(q, v, a, strict=True)])
-        bodies = pin.computeJointTorqueRegressor(self.robot.model, self._data, q, v, a)
-        return self._with_rotors(bodies, a)
+        """(nv, s): the regressor of M a + C v + g."""
+        return self._with_rotors(self.bodies(q, v, a), a)
 
     def kinetic_torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """(nv, s): the regressor of M a + C v."""
-        bodies = pin.computeJointTorqueRegressor(self._weightless, self._data, q, v, a)
-        return self._with_rotors(bodies, a)
+        return self._with_rotors(self.bodies(q, v, a, weight=False), a)
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """(nv, s): the regressor of g; the potential energy's gradient."""
         return self.torque(q, self._still, self._still)
 
-    def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(nv, s): [M_k(q) v]_k, the torque of the acceleration v from rest without weight."""
-        return self.kinetic_torque(q, self._still, v)
-
     def kinetic_gradient(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(nv, s): [1/2 grad_q v' M_k v]_k = sum_i (dv_i/dq)' H(v_i), v_i the velocity of body i
-        and H(v_i) = bodyRegressor(0, v_i) its momentum's regressor; rotors add nothing."""
+        """(nv, 10 bodies): [1/2 grad_q v' M_k v]_k = sum_i (dv_i/dq)' H(v_i), v_i the velocity of body i
+        and H(v_i) = bodyRegressor(0, v_i) its momentum's regressor; rotors have none."""
         model, data = self.robot.model, self._data
         pin.computeForwardKinematicsDerivatives(model, data, q, v, v)
-        gradient = np.zeros((model.nv, 10 * (model.njoints - 1) + len(self._rotors)))
+        gradient = np.zeros((model.nv, self.n_body_parameters))
         still = pin.Motion.Zero()
         for joint in range(1, model.njoints):
             by_position, _ = pin.getJointVelocityDerivatives(model, data, joint, pin.LOCAL)
@@ -94,15 +98,13 @@ class StandardRegressors:
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(s,): the regressor of 1/2 v' M v."""
         bodies = pin.computeKineticEnergyRegressor(self.robot.model, self._data, q, v)
-        return np.concatenate([bodies, 0.5 * v[self._rotors] ** 2])
+        return np.concatenate([bodies, 0.5 * v[self.rotors] ** 2])
 
     def potential_energy(self, q: np.ndarray) -> np.ndarray:
         """(s,): the regressor of U."""
         bodies = pin.computePotentialEnergyRegressor(self.robot.model, self._data, q)
-        return np.concatenate([bodies, np.zeros(len(self._rotors))])
+        return np.concatenate([bodies, np.zeros(len(self.rotors))])
 
     def _with_rotors(self, bodies: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """(nv, s), also where Pinocchio's bindings return the only row as a vector."""
-        if self.robot.nv == 1:
-            bodies = bodies.reshape(1, -1)
-        return np.hstack([bodies, self._rotor_columns * a[:, None]]) if len(self._rotors) else bodies
+        """(nv, s)"""
+        return np.hstack([bodies, self._rotor_columns * a[:, None]]) if len(self.rotors) else bodies

@@ -26,7 +26,7 @@ from eladapt.robot.reading import (
     read_model,
     velocity_index,
 )
-from eladapt.signals import Measurement
+from eladapt.signals import Measurement, Reference
 from eladapt.urdf.checks import check_mimics, check_model, check_urdf
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
@@ -56,9 +56,14 @@ class Robot:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_data", self.model.createData())
 
+    def __repr__(self) -> str:
+        ends = self.joint_names if self.nv < 3 else (self.joint_names[0], self.joint_names[-1])
+        joints = (" ... " if self.nv > 2 else ", ").join(repr(name[:40]) for name in ends)
+        return f"Robot({self.name[:40]!r}, {self.nv} joints: {joints}, tool {self.tool[:40]!r})"
+
     def __getstate__(self) -> dict[str, Any]:
         """What a pickle holds: all but Pinocchio's scratch, ten times the size of the rest, and copies."""
-        kept = {name: value for name, value in vars(self).items() if name != "weightless"}
+        kept = {name: value for name, value in vars(self).items() if name not in ("weightless", "still")}
         return {**kept, "_data": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -287,6 +292,25 @@ class Robot:
     def check_v(self, v: np.ndarray, name: str = "v") -> np.ndarray:
         """v as a finite (nv,) vector; raises ArgumentError."""
         return require_vector(name, v, self.nv)
+
+    def check_goal(self, goal: np.ndarray | Reference) -> Reference:
+        """A goal q_d (nq,), at rest, or a `Reference`, as a reference of finite vectors of this robot's size.
+
+        Raises ArgumentError, naming what is wrong: a shape, a number that is not finite, a continuous joint
+        whose (cos, sin) is off the unit circle.
+        """
+        if isinstance(goal, Reference):
+            q, v, a = goal
+            q = self.check_q(q, "goal.q")
+            return Reference(q, self.check_v(v, "goal.v"), self.check_v(a, "goal.a"))
+        return Reference(self.check_q(goal, "goal"), self.still, self.still)
+
+    @functools.cached_property
+    def still(self) -> np.ndarray:
+        """(nv,) zeros: no velocity, no acceleration. Not to be written to."""
+        still = np.zeros(self.nv)
+        still.setflags(write=False)
+        return still
 
     def check_measurement(self, measurement: Measurement) -> Measurement:
         """The measurement with float vectors of its own, so that a driver may reuse its buffers.

@@ -19,9 +19,10 @@ import pinocchio as pin
 from eladapt.control.gains import effort, extremes
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number, require_vector
 from eladapt.robot.model import Robot
+from eladapt.robot.protocols import Goal
 from eladapt.safety.barrier import Barrier
 from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
-from eladapt.signals import Measurement
+from eladapt.signals import Measurement, Reference
 
 FAULTS = (
     "measurement", "watchdog", "frozen", "jump", "goal", "velocity", "joint limit", "error growth",
@@ -49,7 +50,7 @@ class GateState(NamedTuple):
     """What the gate remembers."""
 
     measurement: Measurement  # the last trusted one
-    goal: np.ndarray  # (nq,) the last valid one
+    goal: Reference  # the last valid one
     age: float  # [s] of the last trusted measurement; 0 when it is this sample's
     suspicion: str  # why the samples since were not trusted
     q: np.ndarray  # (nq,) where the robot is believed to be: measured, or predicted since
@@ -152,12 +153,14 @@ class TorqueGate:
             raise ArgumentError(f"measurement.v: expected at most {FASTEST:g} rad/s, got {v}")
         tau = np.clip(tau, -self.effort, self.effort)
         nv = self.robot.nv
-        return GateState(measurement, q, 0.0, "", q, v, tau, np.zeros(nv), self.guard.init(q, nv))
+        here = Reference(q, np.zeros(nv), np.zeros(nv))
+        return GateState(measurement, here, 0.0, "", q, v, tau, np.zeros(nv), self.guard.init(q, nv))
 
-    def watch(self, state: GateState, measurement: Measurement, goal: np.ndarray, dt: float) -> GateState:
-        """Judge a sample and a set-point; `age` is 0 if they are trusted, and `fault` says what is wrong."""
+    def watch(self, state: GateState, measurement: Measurement, goal: Goal, dt: float) -> GateState:
+        """Judge a sample and a goal; `age` is 0 if they are trusted, and `fault` says what is wrong."""
         try:
-            state = state._replace(goal=np.array(self.robot.check_q(goal, "goal")))
+            given = self.robot.check_goal(goal)
+            state = state._replace(goal=Reference(*(np.array(part) for part in given)))
         except ArgumentError as reason:
             state = self.latch(state, "goal", str(reason))
         try:
@@ -252,7 +255,7 @@ class TorqueGate:
 
     def _guarded(self, state: GateState, measurement: Measurement, dt: float) -> GateState:
         """The state at a trusted sample, with a fault if it shows one."""
-        robot, goal, (_, q, v, tau) = self.robot, state.goal, measurement
+        robot, goal, (_, q, v, tau) = self.robot, state.goal.q, measurement
         error = pin.difference(robot.model, goal, q)
         moved = pin.difference(robot.model, state.guard.goal, goal)
         full = np.maximum(np.abs(tau), np.abs(state.tau)) >= FULL * self.effort

@@ -2,48 +2,55 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_number
 from eladapt.robot.model import Robot
+from eladapt.robot.protocols import BareController, Goal, Recorded, handed_on, recorded_by
 from eladapt.safety.gate import Fault, GateState, TorqueGate, checked_torque
 from eladapt.signals import Measurement
 
 
-class Controller(Protocol):
-    """What can stand behind a gate; with ``regressors``, its gravity estimate is what the fallback uses."""
-
-    @property
-    def robot(self) -> Robot: ...
-    def init(self, measurement: Measurement, theta0: Any = None) -> Any: ...
-    def step(
-        self, state: Any, measurement: Measurement, goal: np.ndarray, dt: float
-    ) -> tuple[Any, np.ndarray]: ...
-
-
 class GatedState(NamedTuple):
-    """What a controller behind a gate remembers; what is not here is looked up in ``inner``."""
+    """What a controller behind a gate remembers."""
 
     inner: Any  # the controller's own state
     gate: GateState
-    trusted: np.ndarray  # its theta when nothing was suspicious last
+    trusted: np.ndarray  # its parameters when nothing was suspicious last; empty if it has none
 
     @property
     def fault(self) -> Fault | None:
         """Why the arm is held, None as long as the controller is in charge."""
         return self.gate.fault
 
-    def __getattr__(self, name: str) -> Any:
-        """theta, mixed, excitation and the like."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self.inner, name)
+    @property
+    def measurement(self) -> Measurement:
+        """The last trusted one."""
+        return self.gate.measurement
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """(l,) the controller's estimate, of a controller whose state has one."""
+        return np.asarray(self.inner.parameters)
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(n_potential,) its estimate of the gravity parameters."""
+        return np.asarray(self.inner.theta)
+
+    @property
+    def change(self) -> Any:
+        """What its detector noticed."""
+        return self.inner.change
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GatedController:
     """A controller whose torque passes a `TorqueGate`, which takes over when something is wrong.
 
@@ -53,7 +60,7 @@ class GatedController:
     asked or computed, the torque is finite and within the limits. Steps raise for dt alone.
     """
 
-    controller: Controller
+    controller: BareController
     gate: TorqueGate
 
     def __post_init__(self) -> None:
@@ -64,9 +71,13 @@ class GatedController:
             )
 
     @classmethod
-    def for_robot(cls, controller: Controller, dt: float = 1e-3, **limits: Any) -> GatedController:
+    def for_robot(cls, controller: BareController, dt: float = 1e-3, **limits: Any) -> GatedController:
         """The controller behind the limits of its robot's URDF; see `TorqueGate.for_robot`."""
         return cls(controller, TorqueGate.for_robot(controller.robot, dt, **limits))
+
+    def __repr__(self) -> str:
+        kind, name = type(self.controller).__name__, self.robot.name
+        return f"GatedController({kind} of {name}, without a measurement for at most {self.gate.max_age:g} s)"
 
     @property
     def robot(self) -> Robot:
@@ -74,17 +85,34 @@ class GatedController:
 
     @property
     def regressors(self) -> Any:
-        """The controller's, None if it has none."""
+        """The controller's, None if it has none: by them its estimate is the gravity of the fallback."""
         return getattr(self.controller, "regressors", None)
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The controller's."""
+        return self._recorded.labels
+
+    def recorded(self, state: GatedState) -> Mapping[str, np.ndarray]:
+        """What the controller has recorded."""
+        return self._recorded.recorded(state.inner)
+
+    def reviewed(self, state: GatedState, frame: str | None) -> Mapping[str, np.ndarray]:
+        """What the controller has reviewed."""
+        return self._recorded.reviewed(state.inner, frame)
+
+    def true_parameters(self, model: pin.Model) -> np.ndarray | None:
+        """The controller's."""
+        return self._recorded.true_parameters(model)
+
     def init(self, measurement: Measurement, theta0: Any = None) -> GatedState:
-        """Controller and gate at the first measurement. Raises ArgumentError for a bad one."""
+        """Controller and gate at the first measurement; theta0 as the controller takes it, None for its
+        own choice. Raises ArgumentError for a bad one."""
         gate = self.gate.init(measurement)
-        inner = self.controller.init(gate.measurement, theta0)
-        return GatedState(inner, gate, _theta(inner))
+        return self._begun(gate, theta0)
 
     def step(
-        self, state: GatedState, measurement: Measurement, goal: np.ndarray, dt: float
+        self, state: GatedState, measurement: Measurement, goal: Goal, dt: float
     ) -> tuple[GatedState, np.ndarray]:
         """The state at ``measurement`` and the torque (nv,) to hold for dt [s].
 
@@ -101,8 +129,8 @@ class GatedController:
             stepped, tau, gate = self._stepped(inner, gate, dt)
             if gate.fault is None:
                 inner = stepped
-                error = self.robot.difference(gate.goal, gate.q)
-                trusted = _theta(inner) if self.gate.guard.quiet(gate.guard, error) else trusted
+                error = self.robot.difference(gate.goal.q, gate.q)
+                trusted = self._parameters(inner) if self.gate.guard.quiet(gate.guard, error) else trusted
                 tau = self.gate.slowed(gate, self.gate.limited(gate, tau, dt))
         elif gate.fault is None:
             gate = self.gate.coast(gate, dt)
@@ -123,13 +151,27 @@ class GatedController:
         """
         gate = self.gate.init(state.gate.measurement if measurement is None else measurement)
         gate = gate._replace(tau=state.gate.tau)
-        inner = self.controller.init(gate.measurement, state.trusted) if forget else state.inner
-        return GatedState(inner, gate, state.trusted)
+        if forget:
+            return self._begun(gate, state.trusted if len(state.trusted) else None)
+        return GatedState(state.inner, gate, state.trusted)
+
+    @functools.cached_property
+    def _recorded(self) -> Recorded:
+        return recorded_by(self.controller)
+
+    def _begun(self, gate: GateState, theta0: Any) -> GatedState:
+        given = () if theta0 is None else (theta0,)
+        inner = self.controller.init(gate.measurement, *given)
+        return GatedState(inner, gate, self._parameters(inner))
+
+    def _parameters(self, inner: Any) -> np.ndarray:
+        """What the controller has estimated, a copy."""
+        return np.array(self._recorded.recorded(inner).get("parameters", ()), dtype=float)
 
     def _stepped(self, inner: Any, gate: GateState, dt: float) -> tuple[Any, np.ndarray, GateState]:
         """The controller's own step; whatever it raises is a fault, not a crash with an arm in the air."""
         try:
-            inner, tau = self.controller.step(inner, gate.measurement, gate.goal, dt)
+            inner, tau = self.controller.step(inner, gate.measurement, handed_on(gate.goal), dt)
         except Exception as reason:
             return inner, gate.tau, self.gate.latch(gate, "controller", f"{type(reason).__name__}: {reason}")
         try:
@@ -140,11 +182,7 @@ class GatedController:
     def _gravity(self, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """(nv,) [N m] by the trusted estimate; the URDF's where the controller estimates none."""
         regressors = self.regressors
-        if regressors is None:
+        if regressors is None or not len(theta):
             return self.robot.gravity(q)
         potential = theta[len(theta) - regressors.n_potential :]
         return np.asarray(regressors.gravity(q) @ potential)
-
-
-def _theta(inner: Any) -> np.ndarray:
-    return np.array(getattr(inner, "theta", ()), dtype=float)

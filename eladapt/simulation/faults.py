@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from eladapt.errors import ArgumentError, require_number
+from eladapt.robot.protocols import Plant
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import Friction
 from eladapt.simulation.instruments import _Wrapper
 from eladapt.simulation.plants import PinocchioPlant
-from eladapt.simulation.run import Plant
 
 
 class _Fault(_Wrapper):

@@ -11,10 +11,10 @@ import numpy as np
 
 from eladapt.errors import ArgumentError, require_number
 from eladapt.robot.model import Robot
+from eladapt.robot.protocols import Load, Plant, truth_of
 from eladapt.signals import Measurement
-from eladapt.simulation.disturbances import Noise, Payload
+from eladapt.simulation.disturbances import Noise
 from eladapt.simulation.plants import NoiseModel
-from eladapt.simulation.run import Plant
 
 
 class _Wrapper:
@@ -23,14 +23,22 @@ class _Wrapper:
     def __init__(self, plant: Plant):
         self.plant = plant
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.plant!r})"
+
     @property
     def robot(self) -> Robot:
         return self.plant.robot
 
     @property
-    def payload(self) -> Payload | None:
+    def payload(self) -> Load | None:
         """The load of the arm inside."""
-        return getattr(self.plant, "payload", None)
+        return truth_of(self.plant).load
+
+    @property
+    def knows_parameters(self) -> bool:
+        """Whether the arm inside is the robot's own model."""
+        return truth_of(self.plant).known
 
     @property
     def q(self) -> np.ndarray:

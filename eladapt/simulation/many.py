@@ -12,13 +12,15 @@ from tqdm import tqdm
 
 from eladapt.errors import ArgumentError, SimulationError
 from eladapt.records.record import Record
-from eladapt.simulation.run import Controller, Goal, Plant, simulate
+from eladapt.robot.protocols import BareController, GoalCourse, Plant
+from eladapt.signals import Reference
+from eladapt.simulation.run import simulate
 
 
 def simulate_many(
-    controller: Controller | Iterable[Controller],
+    controller: BareController | Iterable[BareController],
     plants: Plant | Iterable[Plant],
-    goals: Goal | Iterable[Goal],
+    goals: GoalCourse | Iterable[GoalCourse],
     duration: float = 5.0,
     dt: float = 1e-3,
     *,
@@ -29,8 +31,9 @@ def simulate_many(
 ) -> list[Record | SimulationError]:
     """One `simulate` for each rollout, in the order given, and bit for bit what `simulate` alone would give.
 
-    controller, plants, goals: one for all rollouts, or a sequence with one for each; a goal is q_d (nq,) or
-    a callable of t. duration, dt [s], theta0, title: of every rollout. progress: one bar over all.
+    controller, plants, goals: one for all rollouts, or a sequence with one for each; a goal is q_d (nq,), a
+    `Reference`, or a callable of t that returns either. duration, dt [s], theta0, title: of every rollout.
+    progress: one bar over all.
 
     executor: any `concurrent.futures.Executor`, which stays open; by default a pool with one process a core,
     in which case a script needs its ``if __name__ == "__main__":`` as always with processes. Every rollout
@@ -80,8 +83,8 @@ def simulate_many(
 
 
 def _is_sequence(value: Any) -> bool:
-    """Whether there is one entry a rollout: a (nq,) goal of numbers is one goal."""
-    if hasattr(value, "step") or not isinstance(value, Sequence | np.ndarray):
+    """Whether there is one entry a rollout: a (nq,) goal of numbers is one goal, a Reference too."""
+    if isinstance(value, Reference) or hasattr(value, "step") or not isinstance(value, Sequence | np.ndarray):
         return False
     return not (len(value) and np.isscalar(value[0]))
 

@@ -1,30 +1,30 @@
 """The same robots simulated by MuJoCo: dynamics, integrator and friction that were written elsewhere.
 
-MuJoCo reads the URDF by itself; only what the dynamics do not need (shapes, limits, couplings of locked
-joints) is left out of it. Its mass matrix and bias agree with Pinocchio's to 1e-12 on every robot of
-the library. What differs is real: it applies the URDF's joint damping and friction.
+MuJoCo reads the URDF by itself; its mass matrix and bias agree with Pinocchio's to 1e-12 on every robot of
+the library. What differs is real: it applies the URDF's joint damping and friction. Or it is given another's
+model of the same arm, of which the controller knows nothing.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Literal
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, EladaptError, Finding, SimulationError, UrdfError, require_number
+from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_gain, require_number
 from eladapt.robot.model import Robot
-from eladapt.robot.reading import frame_index
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import Friction, Noise, Payload
-from eladapt.simulation.plants import NoiseModel
-from eladapt.urdf.checks import read_urdf
+from eladapt.simulation.plants import NoiseModel, described
 
 try:
     import mujoco
+
+    from eladapt.simulation.mujoco_models import mjcf_models, urdf_models
 except ImportError as reason:
     raise EladaptError(
         f'MujocoPlant needs MuJoCo, which is not installed ({reason}): pip install "eladapt[mujoco]"'
@@ -32,14 +32,6 @@ except ImportError as reason:
 
 Integrator = Literal["rk4", "implicitfast"]
 
-COMPILER = {"discardvisual": "true", "fusestatic": "false", "balanceinertia": "false"}
-SHAPES = ("visual", "collision")
-LIMITS = ("limit", "mimic", "safety_controller")
-DISABLED = (
-    mujoco.mjtDisableBit.mjDSBL_CONTACT  # no shapes are loaded
-    | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    | mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what diverges is an error, not a fresh start
-)
 # RK4 is stable up to h rate = 2.78 for damping of that rate [1/s]; at 2 its error is 1e-5 rad/s (xarm7).
 STIFFEST = 2.0
 LEAST_SUBSTEPS, MOST_SUBSTEPS = 2, 16
@@ -47,16 +39,22 @@ POSTURES = 50
 # Friction is a constraint: as hard as MuJoCo allows, at rest within one substep, and then cleared of the
 # compliance that would let a stuck joint creep (at 1e-5 rad/s on the panda's wrist).
 HARD = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-FRICTION_SWEEPS, TOLERANCE = 50, 1e-14
 
 
 class MujocoPlant:
     """A robot simulated by MuJoCo, with the face of `PinocchioPlant`.
 
     q0 (nq,), v0 (nv,) or None for rest. friction, noise, payload: as in `disturbances`; a bare number
-    as payload is a mass [kg] at the tool frame. joint_friction: whether the URDF's damping and friction
-    act; the caller's ``friction`` is added to them. Coulomb friction is MuJoCo's dry friction
-    constraint, and it sticks. seed: of the noise.
+    as payload is a mass [kg] at the tool frame. joint_friction: whether the URDF's (or the MJCF's) damping
+    and friction act; the caller's ``friction`` is added to them. Coulomb friction is MuJoCo's dry friction
+    constraint, and it sticks. armature: a number or (nv,) rotor inertias [kg m^2] in place of the model's,
+    or None. seed: of the noise.
+
+    mjcf: a path, or the text, of another's MuJoCo model of the same arm, or None. Inertias, rotors, damping,
+    dry friction and gravity are then that model's; its actuators are left out, and torques act on the joints.
+    Its joints are the robot's by name where names agree, the others in order, and are as many. Both models
+    count positions from the same zero; their body frames and bases may differ, since the load is hung where
+    the robot's frame is beside the joint axes.
 
     integrator, substeps: chosen where None. "rk4", with two substeps or as many as the stiffest viscous
     damping needs to be stable (eight on xarm7 at 1 ms); "implicitfast", of first order, where that would
@@ -65,7 +63,8 @@ class MujocoPlant:
 
     Joint limits are off, as in PinocchioPlant: a set-point inside them needs none, and hitting one is
     not modelled. Contacts are off too. `t`, `q` and `v` are the true state. Raises SimulationError
-    when the state is not finite, UrdfError when MuJoCo refuses the robot.
+    when the state is not finite, UrdfError when MuJoCo refuses the robot, ArgumentError when it does not
+    load the MJCF or that is of another arm.
     """
 
     def __init__(
@@ -81,6 +80,8 @@ class MujocoPlant:
         substeps: int | None = None,
         seed: int = 0,
         joint_friction: bool = True,
+        mjcf: str | Path | None = None,
+        armature: float | Sequence[float] | np.ndarray | None = None,
     ):
         if integrator not in (None, "rk4", "implicitfast"):
             raise ArgumentError(f"integrator: expected 'rk4', 'implicitfast' or None, got {integrator!r}")
@@ -92,11 +93,23 @@ class MujocoPlant:
         self.friction, self.noise = friction or Friction(), noise or Noise()
         self.joint_friction = joint_friction
         self.payload = Payload(float(payload)) if isinstance(payload, int | float) else payload
-        self._bare = self._model(None)
-        self._loaded = self._bare if self.payload is None else self._model(self.payload)
-        self._addresses = np.array([self._bare.joint(name).dofadr[0] for name in robot.joint_names])
+        self.mjcf = None if mjcf is None else str(mjcf)
+        self.armature = None if armature is None else require_gain("armature", armature, robot.nv, zero=True)
+        models = (
+            urdf_models(robot, self.payload)
+            if self.mjcf is None
+            else mjcf_models(robot, self.mjcf, self.payload)
+        )
+        self._bare, self._loaded = models.bare, models.loaded
+        # The same in qpos: each joint has one coordinate.
+        self._addresses = self._bare.jnt_dofadr[models.joint_ids]
+        for model in {id(model): model for model in (self._bare, self._loaded)}.values():
+            self._furnish(model)
         self._rate = self._stiffness()
         self.reset()
+
+    def __repr__(self) -> str:
+        return described(self, *(["dynamics of another's MJCF"] if self.mjcf is not None else []))
 
     def reset(self) -> Measurement:
         """Back to the initial state, with the noise from its seed."""
@@ -141,6 +154,12 @@ class MujocoPlant:
         stable = dt * self._rate <= STIFFEST * substeps
         return self.integrator or ("rk4" if stable else "implicitfast"), substeps
 
+    @property
+    def knows_parameters(self) -> bool:
+        """Whether the robot's own parameters are the true ones here: not with ``mjcf`` or other rotors."""
+        rotors = self.armature is None or np.array_equal(self.armature, self.robot.armature)
+        return self.mjcf is None and rotors
+
     def mass_matrix(self, q: np.ndarray, t: float = 0.0) -> np.ndarray:
         """MuJoCo's M(q) (nv, nv) in the robot's joint order, with the load if it is held at t."""
         return self._evaluate(q, np.zeros(self.robot.nv), t)[0]
@@ -171,78 +190,15 @@ class MujocoPlant:
             return 0.0
         rng, root = np.random.default_rng(0), np.sqrt(damping)
         postures = [self.q0, *(self.robot.random_configuration(rng) for _ in range(POSTURES))]
-        scaled = [root[:, None] * np.linalg.inv(self.robot.mass_matrix(q)) * root for q in postures]
+        scaled = [root[:, None] * np.linalg.inv(self.mass_matrix(q)) * root for q in postures]
         return float(np.linalg.eigvalsh(scaled).max())
 
-    def _model(self, payload: Payload | None) -> mujoco.MjModel:
-        """The compiled robot; every load is a body of its own, so that attaching one switches models."""
-        robot = self.robot
-        try:
-            spec = _specification(robot)
-            if payload is not None:
-                _attach(spec, robot, payload)
-            model = spec.compile()
-        except ValueError as reason:
-            said, remedy = " ".join(str(reason).split()), "Mend it, or simulate it with PinocchioPlant"
-            finding = Finding("file", said, "MuJoCo refused it", remedy)
-            raise UrdfError(robot.path, [finding]) from reason
-        for name, viscous, coulomb in zip(
-            robot.joint_names,
-            np.broadcast_to(self.friction.viscous, (robot.nv,)),
-            np.broadcast_to(self.friction.coulomb, (robot.nv,)),
-            strict=True,
-        ):
-            k = model.joint(name).dofadr[0]
-            model.dof_damping[k] = self.joint_friction * model.dof_damping[k] + viscous
-            model.dof_frictionloss[k] = self.joint_friction * model.dof_frictionloss[k] + coulomb
+    def _furnish(self, model: mujoco.MjModel) -> None:
+        """Give a compiled model the rotors and the friction that were asked for."""
+        at = self._addresses
+        if self.armature is not None:
+            model.dof_armature[at] = self.armature
+            mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from it
+        model.dof_damping[at] = self.joint_friction * model.dof_damping[at] + self.friction.viscous
+        model.dof_frictionloss[at] = self.joint_friction * model.dof_frictionloss[at] + self.friction.coulomb
         model.dof_solimp[:] = HARD
-        return model
-
-
-def _specification(robot: Robot) -> mujoco.MjSpec:
-    """The URDF as MuJoCo reads it: no shapes, no limits, locked joints welded where the robot has them."""
-    urdf = ElementTree.Element("robot", name=robot.model.name)
-    ElementTree.SubElement(ElementTree.SubElement(urdf, "mujoco"), "compiler", COMPILER)
-    for element in read_urdf(robot.path):
-        if element.tag not in ("link", "joint"):
-            continue
-        for child in list(element):
-            if child.tag in (*SHAPES, *LIMITS):
-                element.remove(child)
-        if element.get("name") in robot.locked and element.tag == "joint":
-            element.set("type", "fixed")
-        elif element.get("type") == "revolute":
-            element.set("type", "continuous")  # the same joint without limits
-        urdf.append(element)
-    spec = mujoco.MjSpec.from_string(ElementTree.tostring(urdf, "unicode"))
-    for element in urdf.findall("joint"):
-        if element.get("name") in robot.locked:
-            _weld(spec, robot.model, element)
-    for name, armature in zip(robot.joint_names, robot.armature, strict=True):
-        spec.joint(name).armature = armature
-    spec.option.gravity = robot.model.gravity.linear
-    spec.option.disableflags = int(DISABLED)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # RK4 is called by name
-    spec.option.noslip_iterations, spec.option.noslip_tolerance = FRICTION_SWEEPS, TOLERANCE
-    spec.option.tolerance = TOLERANCE
-    return spec
-
-
-def _weld(spec: mujoco.MjSpec, model: pin.Model, joint: ElementTree.Element) -> None:
-    """Put the child link of a locked joint where it is in the robot's model."""
-    ends = {end: joint.find(end).get("link", "") for end in ("parent", "child")}  # type: ignore[union-attr]
-    parent, child = (model.frames[frame_index(model, ends[end])].placement for end in ("parent", "child"))
-    place = parent.actInv(child)
-    body, quaternion = spec.body(ends["child"]), pin.Quaternion(place.rotation)
-    body.pos = place.translation
-    body.quat = [quaternion.w, quaternion.x, quaternion.y, quaternion.z]
-
-
-def _attach(spec: mujoco.MjSpec, robot: Robot, payload: Payload) -> None:
-    """A point mass, fixed to the body that the payload's frame moves with."""
-    frame = robot.model.frames[frame_index(robot.model, payload.frame or robot.tool)]
-    if frame.parentJoint == 0:
-        return  # it stands on the base
-    carrier = spec.joint(robot.model.names[frame.parentJoint]).parent
-    place = frame.placement.act(np.asarray(payload.com, dtype=float))
-    carrier.add_body(pos=place, mass=payload.mass, ipos=[0, 0, 0], inertia=[0, 0, 0], explicitinertial=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -35,6 +35,8 @@ class PinocchioPlant:
     `t`, `q` and `v` are the true state. Raises SimulationError when the state is not finite.
     """
 
+    knows_parameters = True  # the robot's own are the true ones
+
     def __init__(
         self,
         robot: Robot,
@@ -60,6 +62,9 @@ class PinocchioPlant:
         self._loaded = robot.model if self.payload is None else self.payload.loaded(robot)
         self._data = robot.model.createData()
         self.reset()
+
+    def __repr__(self) -> str:
+        return described(self)
 
     def reset(self) -> Measurement:
         """Back to the initial state, with the noise from its seed."""
@@ -129,6 +134,22 @@ class PinocchioPlant:
         inverse = h * (np.triu(inverse) + np.triu(inverse, 1).T)
         force = _active_set(free, inverse, bound)
         return _projected_sweeps(free, inverse, bound) if force is None else force
+
+
+def described(plant: Any, *more: str) -> str:
+    """A plant in one line: the robot, the time, and what acts on it that is not nothing."""
+    friction, noise, payload = plant.friction, plant.noise, plant.payload
+    parts = [repr(plant.robot.name[:40]), f"t = {plant.t:.6g} s", *more]
+    if np.any(friction.viscous) or np.any(friction.coulomb):
+        viscous, coulomb = np.max(friction.viscous), np.max(friction.coulomb)
+        parts.append(f"friction up to {viscous:.3g} N m s/rad and {coulomb:.3g} N m")
+    if not isinstance(noise, Noise):
+        parts.append(type(noise).__name__)
+    elif np.any(noise.position) or np.any(noise.velocity):
+        parts.append(f"noise {np.max(noise.position):.3g} rad, {np.max(noise.velocity):.3g} rad/s")
+    if payload is not None:
+        parts.append(f"{payload.mass:.6g} kg at {(payload.frame or plant.robot.tool)[:40]!r}")
+    return f"{type(plant).__name__}({', '.join(parts)})"
 
 
 def _active_set(free: np.ndarray, inverse: np.ndarray, bound: np.ndarray) -> np.ndarray | None:

@@ -1,23 +1,21 @@
-"""What sampling says of a robot, (P1) to (P3), and what a run says of excitation.
+"""What sampling says of a robot, (P1) to (P3).
 
-The bounds of the model are estimates, never proofs: an extreme in a posture that neither the
+The bounds are estimates, never proofs: an extreme in a posture that neither the
 samples nor the optimiser came near is missed, so that each one errs on the optimistic side.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
-from eladapt.errors import ArgumentError, require_number
-from eladapt.estimation.excitation import IntervalExcitation
+from eladapt.errors import ArgumentError
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.signals import Regression
 
 STARTS = 3  # best samples from which each extreme is refined
 EVALUATIONS = 400  # of the objective, for each start
@@ -125,14 +123,15 @@ class Terms(NamedTuple):
 def model_terms(
     robot: Robot, regressors: Regressors, q: np.ndarray, e2: np.ndarray, theta_error: np.ndarray
 ) -> Terms:
-    """`Terms` at every state of a batch: q (..., nq), e2 (..., nv), theta_error (..., j)."""
+    """`Terms` at every state of a batch: q (..., nq), e2 (..., nv), theta_error (..., j or more), the last j
+    of theta_U."""
     shape = np.broadcast_shapes(q.shape[:-1], e2.shape[:-1], theta_error.shape[:-1])
     rows = [np.broadcast_to(x, (*shape, x.shape[-1])).reshape(-1, x.shape[-1]) for x in (q, e2, theta_error)]
     momentum, gradient, gravity = np.empty((3, len(rows[0]), robot.nv))
     for k, (q_k, v_k, error_k) in enumerate(zip(*rows, strict=True)):
         momentum[k] = robot.mass_matrix(q_k) @ v_k
         gradient[k] = robot.coriolis_matrix(q_k, v_k).T @ v_k
-        gravity[k] = regressors.gravity(q_k) @ error_k
+        gravity[k] = regressors.gravity(q_k) @ error_k[len(error_k) - regressors.n_potential :]
     return Terms(*(x.reshape(*shape, robot.nv) for x in (momentum, gradient, gravity)))
 
 
@@ -146,10 +145,11 @@ class States(NamedTuple):
 
 
 def sample_states(
-    robot: Robot, regressors: Regressors, sizes: np.ndarray, *, errors: np.ndarray, postures: int, seed: int
-) -> Iterator[States]:
+    robot: Robot, regressors: Regressors, sizes: np.ndarray, adapted: int, *, errors: np.ndarray,
+    postures: int, seed: int,
+) -> Iterator[States]:  # fmt: skip
     """Grids of states in random postures and directions: ||e1|| and ||e2|| in ``sizes``, ||theta_error||
-    in ``errors``.
+    in ``errors``, of the last ``adapted`` parameters.
 
     Every other posture has e2 against e1, and every fourth both along the heaviest direction of M:
     there the cross terms of the Lyapunov functions are at their worst.
@@ -158,7 +158,7 @@ def sample_states(
     nv = robot.nv
     for k in range(require_count("samples", postures)):
         q = robot.random_configuration(rng)
-        u1, u2, u3 = (_unit(rng.normal(size=size)) for size in (nv, nv, regressors.n_potential))
+        u1, u2, u3 = (_unit(rng.normal(size=size)) for size in (nv, nv, adapted))
         if k % 4 == 1:
             u1 = np.linalg.eigh(robot.mass_matrix(q))[1][:, -1]
         if k % 2:
@@ -171,96 +171,6 @@ def sample_states(
 
 def _unit(x: np.ndarray) -> np.ndarray:
     return x / max(float(np.linalg.norm(x)), np.finfo(float).tiny)
-
-
-class Run(Protocol):
-    """What is asked of a record."""
-
-    @property
-    def t(self) -> np.ndarray: ...
-    @property
-    def q(self) -> np.ndarray: ...
-    @property
-    def v(self) -> np.ndarray: ...
-    @property
-    def error(self) -> np.ndarray: ...
-    @property
-    def theta_error(self) -> np.ndarray: ...
-    @property
-    def zeta(self) -> np.ndarray: ...
-    @property
-    def zeta_integral(self) -> np.ndarray: ...
-
-
-class IntervalLevel(NamedTuple):
-    """(502) from t_1 = 0."""
-
-    duration: float  # T_IE [s], inf where mu is not reached
-    mu: float  # smallest eigenvalue of the integral of Omega'Omega
-    holds: bool
-
-
-def interval_excitation(
-    regressions: Sequence[Regression], dt: float, mu: float | None = None
-) -> IntervalLevel:
-    """(502) of the regressions at successive samples: the least T_IE with this mu, or, with None, the
-    largest mu of all the samples, which holds if it is above rounding."""
-    block, dt = IntervalExcitation(), require_number("dt", dt, 0)
-    if not len(regressions):
-        raise ArgumentError("regressions: expected at least one Regression, got none")
-    size = np.shape(regressions[0].omega)[1]
-    wanted = np.inf if mu is None else require_number("mu", mu, 0)
-    information, level = block.init(size), 0.0
-    for k, regression in enumerate(regressions):
-        information = block.step(information, regression, dt)
-        if mu is not None or k == len(regressions) - 1:
-            level = block.level(information)
-        if level >= wanted:
-            return IntervalLevel((k + 1) * dt, level, True)
-    if mu is not None:
-        return IntervalLevel(np.inf, level, False)
-    rounding = size * np.finfo(float).eps * np.linalg.norm(information.triangle[:-1, :-1])
-    return IntervalLevel(len(regressions) * dt, level, bool(level > rounding**2))
-
-
-class WindowLevel(NamedTuple):
-    """(IELSDREM): the integral of zeta_1 over every window of length ell in the run is at least w."""
-
-    ell: float  # [s]
-    w: float  # [s]
-
-
-def window_excitation(record: Run, ell: float | None = None) -> WindowLevel:
-    """The largest w for this window, or, with None, the pair with the largest w/ell, ell at most half
-    the run: the pair with the smallest settling-time bound. w = 0 where nothing was excited."""
-    t, integral = record.t, gate_integral(record)
-    if len(t) < 3:
-        raise ArgumentError(f"record: expected at least 3 samples, got {len(t)}")
-    dt = (t[-1] - t[0]) / (len(t) - 1)
-    if ell is None:
-        counts = np.unique(np.geomspace(1, (len(t) - 1) // 2, 200).astype(int))
-    else:
-        counts = np.array([round(require_number("ell", ell, 0, t[-1] - t[0], closed=True) / dt)])
-        if counts[0] < 1:
-            raise ArgumentError(f"ell: expected at least the step {dt:g} s, got {ell:g} s")
-    least = [float(np.min(integral[n:] - integral[:-n])) for n in counts]
-    best = int(np.argmax(np.array(least) / counts))
-    return WindowLevel(float(counts[best] * dt), least[best])
-
-
-def smallest_gate(record: Run) -> np.ndarray:
-    """(N,) zeta_1, the smallest gate where there is one a direction."""
-    if record.zeta.ndim != 2 or record.zeta.shape[1] == 0:
-        raise ArgumentError("record.zeta: expected (N, k) gates with k > 0, got a run without an estimator")
-    return record.zeta.min(axis=1)
-
-
-def gate_integral(record: Run) -> np.ndarray:
-    """(N,) integral of `smallest_gate` [s]: the run's own where there is one gate, else by trapezoids."""
-    gate = smallest_gate(record)
-    if record.zeta.shape[1] == 1:
-        return record.zeta_integral[:, 0]
-    return np.concatenate([[0.0], np.cumsum(np.diff(record.t) * (gate[1:] + gate[:-1]) / 2)])
 
 
 def require_twin(robot: Robot | None, regressors: Regressors) -> Robot:

@@ -16,19 +16,15 @@ from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.theory.bounds import (
     ModelBounds,
-    Run,
     Search,
     States,
     Terms,
-    WindowLevel,
-    gate_integral,
     mass_eigenvalues,
     model_bounds,
     require_twin,
     sample_states,
-    smallest_gate,
-    window_excitation,
 )  # fmt: skip
+from eladapt.theory.gates import Run, WindowLevel, gate_integral, gates_along, window_excitation
 from eladapt.theory.lyapunov import (
     LyapunovFunctions,
     coupling,
@@ -173,7 +169,10 @@ def _sampled_rows(
     """The smallest ratio of V_1 and of v(e) to what each would be without its cross terms."""
     least, where, fails = [np.inf, np.inf], [(0.0, 0.0)] * 2, [np.inf, np.inf]
     none = np.zeros(1)
-    for e1, e2, _, terms in sample_states(robot, regressors, SIZES, errors=none, postures=samples, seed=seed):
+    grid = sample_states(
+        robot, regressors, SIZES, regressors.n_potential, errors=none, postures=samples, seed=seed
+    )
+    for e1, e2, _, terms in grid:
         certain = (law.gamma1 + law.gamma2) * v_0(control, e1, e2, terms)
         certain = certain + law.gamma1 * law.d1 * np.sum(control.D_L * log_cosh(e1), axis=-1)
         cross = law.gamma1 * law.d1 * np.sum(np.tanh(e1) * terms.momentum, axis=-1)
@@ -202,7 +201,9 @@ def _sampling_rows(
     def fastest(x: np.ndarray) -> float:
         q = robot.configuration(x)
         if control.evaluation == "semi_implicit":
-            slope = nominal.mass_matrix(q) / max(dt, control.horizon or dt)
+            horizon = np.maximum(dt, dt if control.horizon is None else control.horizon)
+            root = np.broadcast_to(1 / np.sqrt(horizon), (nv,))
+            slope = nominal.mass_matrix(q) * np.outer(root, root)
         else:
             slope = np.diag(np.broadcast_to(control.D_L, (nv,)) + (D if control.linear else limited(q)))
         return dt * float(scipy.linalg.eigh(slope, robot.mass_matrix(q), eigvals_only=True)[-1])
@@ -228,17 +229,19 @@ def _sampling_rows(
 
 
 class SettlingBounds(NamedTuple):
-    """Times by which x = 0, as the proofs of prop:SFT and prop:UFT-IE bound them."""
+    """Times by which x = 0, as the proofs of prop:SFT and prop:UFT-IE bound them, and by which the
+    parameters alone are there."""
 
     level: float  # V_FT(x(0)), or alpha_2(R): sampled estimate
     c_3: float  # of (dotVft) on {V_FT <= level}: sampled estimate, 0 where there is none
-    needed: float  # integral of zeta_1 [s] that brings V_FT from that level to 0
+    needed: float  # integral of the gate [s] that brings V_FT from that level to 0
     window: WindowLevel  # measured
     short_ft: float  # [s] prop:SFT, (Tf1), with that window
-    measured: float  # [s] when the run's own integral of zeta_1 has reached ``needed``; inf if it has not
-    t_ie: float  # [s] from when on zeta_1 >= phi_m in the run, measured
+    measured: float  # [s] when the run's own integral of the gate has reached ``needed``; inf if it has not
+    t_ie: float  # [s] from when on the gate >= phi_m in the run, measured
     phi_m: float
     interval: float  # [s] prop:UFT-IE, T_0
+    parameters: float  # [s] by when the indirect term on its own has made theta_error 0; inf if it has not
 
 
 def settling_bounds(
@@ -249,7 +252,9 @@ def settling_bounds(
     samples: int = 60,
     seed: int = 0,
 ) -> SettlingBounds:
-    """Bounds from a run's zeta_1 and from c_3, a sampled estimate; inf where no bound results.
+    """Bounds from a run's gate and from c_3, a sampled estimate; inf where no bound results.
+
+    The gate g is zeta_1 with a scalar mixing and `Unmixed.gate` with none, see `gates_along`.
 
     (dotVft) as typeset cannot hold for all x: the decay near 0 is of the order of V^sigma_1, which is
     less than V^sigma_2, and far away along e1 it is less than V^sigma_1. What the proofs use does hold
@@ -260,24 +265,35 @@ def settling_bounds(
     The level is V_FT at the start or, with a radius, alpha_2(radius), a sampled estimate too. Assumed:
     that the gates stay as they were after the run (Kreisselmeier's do not, and prop:UFT-IE is about
     least squares), and that every run from within the radius is as excited.
+
+    parameters: |theta_error(0)|^(1 - b) <= (1 - b) rate times the integral of g, parameter by parameter with
+    a scalar mixing, of the whole vector with none; the direct term, which moves theta too, is left out.
     """
     weights = functions.weights
-    start = [x[:1] for x in (record.error, record.v, record.q, record.theta_error)]
+    error = functions.estimation_error(record)[:1]
+    start = [*(x[:1] for x in (record.error, record.v, record.q)), error]
     level = float(functions("V_FT", *start)[0]) if radius is None else alpha_2(functions, radius, seed=seed)
     c_3 = decay_constant(functions, level, samples, seed)
     rate = (1 - weights.sigma_1) * functions.gamma3 * c_3
     needed = level ** (1 - weights.sigma_1) / rate if rate > 0 else np.inf
-    zeta, window = smallest_gate(record), window_excitation(record)
-    t, reached = record.t, np.flatnonzero(gate_integral(record) >= needed)
-    floor = np.minimum.accumulate(zeta[::-1])[::-1]
+    t, gate = record.t, gates_along(functions.controller, record)
+    integral, window = gate_integral(t, gate), window_excitation(t, gate)
+    floor = np.minimum.accumulate(gate[::-1])[::-1]
     with np.errstate(divide="ignore"):
         times = t - t[0] + needed / floor
     k = int(np.argmin(times))
     short_ft = window.ell * (1 + 2 * needed / window.w) if window.w > 0 else np.inf
-    measured = float(t[reached[0]] - t[0]) if len(reached) else np.inf
+    law = functions.controller.law
+    size = np.linalg.norm(error) if functions.vector else np.abs(error[0])
+    distance = size ** (1 - law.b) / ((1 - law.b) * law.rate) if law.b < 1 else np.inf
+
+    def reached(level: float) -> float:
+        return float(t[np.argmax(integral >= level)] - t[0]) if integral[-1] >= level else np.inf
+
     return SettlingBounds(
-        level, c_3, needed, window, short_ft, measured, float(t[k] - t[0]), float(floor[k]), float(times[k])
-    )
+        level, c_3, needed, window, short_ft, reached(needed), float(t[k] - t[0]), float(floor[k]),
+        float(times[k]), reached(float(np.max(distance))),
+    )  # fmt: skip
 
 
 def alpha_2(functions: LyapunovFunctions, radius: float, samples: int = 200, seed: int = 0) -> float:
@@ -310,5 +326,5 @@ def decay_constant(functions: LyapunovFunctions, level: float, samples: int = 60
 
 def _states(functions: LyapunovFunctions, sizes: np.ndarray, samples: int, seed: int) -> Iterator[States]:
     regressors = functions.controller.regressors
-    robot = require_twin(functions.robot, regressors)
-    return sample_states(robot, regressors, sizes, errors=sizes, postures=samples, seed=seed)
+    robot, adapted = require_twin(functions.robot, regressors), functions.n_adapted
+    return sample_states(robot, regressors, sizes, adapted, errors=sizes, postures=samples, seed=seed)

@@ -15,17 +15,17 @@ from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.proximal import signed_power
 from eladapt.errors import ArgumentError, UnknownNameError, require_number
 from eladapt.estimation.adaptation import CompositeLaw
+from eladapt.estimation.mixing import Unmixed
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.theory.bounds import (
     ModelBounds,
-    Run,
     Terms,
     model_bounds,
     model_terms,
     require_twin,
-    smallest_gate,
 )  # fmt: skip
+from eladapt.theory.gates import Run, gates_along
 
 Name = Literal["V_0", "V_1", "V_A1", "V_A2", "V_FT"]
 NAMES = ("V_0", "V_1", "V_A1", "V_A2", "V_FT")
@@ -187,12 +187,31 @@ class LyapunovFunctions:
 
     def along(self, record: Run, name: Name = "V_1") -> np.ndarray:
         """(N,) the function at every sample. Raises RecordError where the true theta is not known."""
-        return self(name, record.error, record.v, record.q, record.theta_error)
+        return self(name, record.error, record.v, record.q, self.estimation_error(record))
 
     def rate_along(self, record: Run, name: Name = "V_1") -> np.ndarray:
-        """(N,) the time derivative along (476) at every sample, from the states and zeta_1 there."""
-        terms = self.terms(record.q, record.v, record.theta_error)
-        return self.rate(name, record.error, record.v, record.theta_error, terms, smallest_gate(record))
+        """(N,) the time derivative along (476) at every sample, from the states and the gate there; of an
+        unmixed law a bound that it stays below."""
+        error = self.estimation_error(record)
+        terms = self.terms(record.q, record.v, error)
+        gates = gates_along(self.controller, record)
+        return self.rate(name, record.error, record.v, error, terms, gates)
+
+    @property
+    def vector(self) -> bool:
+        """Whether theta follows a vector, and not parameter by parameter."""
+        return isinstance(getattr(self.controller, "mixing", None), Unmixed)
+
+    @property
+    def n_adapted(self) -> int:
+        """How many parameters, the last ones, are adapted: all of them, or theta_U."""
+        regressors = self.controller.regressors
+        whole = self.vector and self.controller.mixing.scope == "all"
+        return len(regressors) if whole else regressors.n_potential
+
+    def estimation_error(self, record: Run) -> np.ndarray:
+        """(N, n_adapted) estimate less true value."""
+        return record.parameter_error if self.n_adapted > record.theta_error.shape[1] else record.theta_error
 
     def terms(self, q: np.ndarray, e2: np.ndarray, theta_error: np.ndarray) -> Terms:
         """What the model contributes at each state."""
@@ -230,6 +249,7 @@ class LyapunovFunctions:
     ) -> np.ndarray:  # fmt: skip
         """Time derivative along the closed loop (476) of V_0, V_1, V_A1 or V_FT; zeta: zeta_1 (...).
 
+        Of an unmixed law, for which zeta is `Unmixed.gate`, it is a bound from above.
         That of V_FT has |e_1|^(2 r_2 / r_1) before the feedback, where the proof prints power a.
         """
         require_name(name, ("V_0", "V_1", "V_A1", "V_FT"))
@@ -238,7 +258,10 @@ class LyapunovFunctions:
         if name == "V_0":
             spring = control.P * signed_power(e1, control.a)
             return np.sum(e2 * (feedback + spring), axis=-1)
-        indirect = np.sum(law.Upsilon * np.abs(theta_error) ** (1 + law.b), axis=-1)
+        if self.vector:
+            indirect = float(np.max(law.Upsilon)) * np.linalg.norm(theta_error, axis=-1) ** (1 + law.b)
+        else:
+            indirect = np.sum(law.Upsilon * np.abs(theta_error) ** (1 + law.b), axis=-1)
         rate = -(law.gamma1 + law.gamma2) * (decay(law, control, e1, e2, terms) + zeta * indirect)
         if name == "V_1":
             return rate

@@ -1,4 +1,4 @@
-"""The semi-implicit law knows what holds the arm, and pays nothing for it where nothing does."""
+"""What holds the arm and is in no model is fed forward, and costs nothing where nothing does."""
 
 import dataclasses
 
@@ -7,19 +7,18 @@ import pytest
 from shared import load
 
 import eladapt as ea
-from eladapt.control.disturbance import DisturbanceEstimate
+from eladapt.control.disturbance import CREEPING, DisturbanceEstimate
 from eladapt.errors import ArgumentError
 
 DT = 1e-3
 
 
 def move(controller: ea.CompositeController, duration: float, dt: float = DT, **unknown) -> ea.Record:
-    """Home to target with true gravity known, and what else there is unknown."""
+    """Home to target from the URDF's theta, and what else there is unknown."""
     robot = controller.robot
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), **unknown)
-    theta = controller.regressors.theta_potential
     goal = robot.configuration(robot.target)
-    return ea.simulate(controller, plant, goal, duration, dt, theta0=theta, progress=False)
+    return ea.simulate(controller, plant, goal, duration, dt, theta0="urdf", progress=False)
 
 
 def explicit(controller: ea.CompositeController) -> ea.CompositeController:
@@ -29,46 +28,51 @@ def explicit(controller: ea.CompositeController) -> ea.CompositeController:
 
 def test_a_constant_push_is_found_with_the_memory_as_time_constant():
     """After one memory 63 % of it, after ten all, whatever the step."""
-    push = np.array([1.0, -3.0])
+    push, moving = np.array([1.0, -3.0]), np.array([0.2, -0.2])
     for dt in (1e-3, 1e-2):
-        block = DisturbanceEstimate(0.1)
+        block = DisturbanceEstimate(10.0, memory=0.1)
         d = block.init(2)
         for k in range(1, round(1 / dt) + 1):
-            d = block.step(d, 5.0 + push, np.full(2, 5.0), dt)
+            d = block.step(d, push, np.ones(2), moving, np.zeros(2, bool), dt)
             if k == round(0.1 / dt):
                 np.testing.assert_allclose(d, (1 - np.exp(-1)) * push, rtol=1e-12)
-        np.testing.assert_allclose(d, push, rtol=1e-4)
+        np.testing.assert_allclose(d, push, rtol=1e-4)  # e^-10
 
 
-def test_velocity_makes_the_prediction_include_the_push(rng):
-    """M (w - v) = H (law + d) is the law's own equation from the velocity that the block returns."""
-    robot = load("panda")
-    law = ea.CompositeController.for_robot(robot).control
-    for _ in range(20):
-        mass = robot.mass_matrix(robot.random_configuration(rng))
-        e1, v, d = rng.normal(size=(3, 7)) * np.array([[0.1], [0.1], [5.0]])
-        start = DisturbanceEstimate().velocity(d, v, mass, DT)
-        end = ea.control.finite_time.semi_implicit_state(law, e1, start, mass, DT)
-        change, pull = mass @ (end.e2 - v), DT * (law.law(*end) + d)
-        np.testing.assert_allclose(change, pull, atol=1e-9 * np.abs(DT * d).max())
+def test_a_joint_that_has_arrived_keeps_what_holds_it():
+    """Still, slow and within the tolerance, a joint's d stands; each condition alone does not do."""
+    block = DisturbanceEstimate(10.0, tolerance=1e-4, slow=1e-3)
+    d, residual = np.full(4, 2.0), np.zeros(4)
+    e1, v = np.array([5e-5, 5e-4, 5e-5, 5e-5]), np.array([5e-4, 5e-4, 5e-3, 5e-4])
+    still = np.array([True, True, True, False])
+    kept = block.step(d, residual, e1, v, still, DT)
+    assert kept[0] == 2.0
+    assert np.all(kept[1:] < 2.0)
 
 
-def test_friction_leaves_no_more_than_the_law_itself_would():
-    """Stuck by 1 N m, every joint of the ur5 stops within (f/P)^(1/a), where the law itself pushes with f;
-    blind, the law believes that it arrives, and the first joint stops twenty times as far away."""
+def test_a_fast_joint_is_not_thrown():
+    """A joint that creeps may wind up to its limit, a fast one to what its inertia can take."""
+    block = DisturbanceEstimate(10.0, moving=0.5)
+    v = np.array([0.5 * CREEPING, 2 * CREEPING])
+    d = block.step(np.zeros(2), np.full(2, 1e3), np.ones(2), v, np.zeros(2, bool), 1.0)
+    np.testing.assert_array_equal(d, [10.0, 0.5])
+
+
+def test_friction_is_overcome():
+    """Stuck by 1 N m, every joint of the ur5 comes within 1e-5 rad (twice what it is left alone within);
+    without the estimate the wrists stay behind by a thousandth of a radian and more."""
     controller = ea.CompositeController.for_robot(load("ur5"))
-    law, friction = controller.control, ea.Friction(coulomb=1.0)
-    bound = (1.0 / law.P) ** (1 / law.a)
+    friction = ea.Friction(coulomb=1.0)
     blind = dataclasses.replace(controller, disturbance=None)
-    assert np.all(np.abs(move(controller, 3.0, friction=friction).error[-1]) <= bound)
-    assert np.any(np.abs(move(blind, 3.0, friction=friction).error[-1]) > 10 * bound)
+    assert np.all(np.abs(move(controller, 3.0, friction=friction).error[-1]) <= 1e-5)
+    assert np.abs(move(blind, 3.0, friction=friction).error[-1]).max() > 1e-3
 
 
 def test_it_costs_nothing_where_the_model_is_right():
-    """Arrival to rounding, without ripple, on the paper's arm at the paper's step."""
+    """Arrival within the tolerance, without ripple, on the paper's arm at the paper's step."""
     controller = ea.CompositeController.for_robot(load("two_link"), 5e-4)
     metrics = move(controller, 4.0, 5e-4).metrics()
-    assert metrics.steady_error < 1e-12
+    assert metrics.steady_error < 5e-6
     assert metrics.chatter < 1e-6, "the paper: 0.015 N m"
 
 
@@ -90,16 +94,17 @@ def test_panda_against_explicit_evaluation(unknown):
 
 
 def test_memory_follows_the_horizon():
-    controller = ea.CompositeController.for_robot(load("panda"), delay=5e-3)
-    assert controller.disturbance.memory == pytest.approx(5 * controller.control.horizon)
-    assert ea.CompositeController.for_robot(load("panda")).disturbance.memory == 0.03
+    """Twice the horizon, which noise and delay lengthen, and at least 10 ms."""
+    late = ea.CompositeController.for_robot(load("panda"), delay=5e-3)
+    np.testing.assert_array_equal(late.disturbance.memory, 2 * late.control.horizon)
+    np.testing.assert_array_equal(ea.CompositeController.for_robot(load("panda")).disturbance.memory, 0.01)
 
 
-def test_it_is_refused_where_it_would_not_be_used():
-    controller = ea.CompositeController.for_robot(load("two_link"))
-    law = dataclasses.replace(controller.control, evaluation="explicit")
-    with pytest.raises(ArgumentError, match=r"disturbance: .* semi-implicitly"):
-        dataclasses.replace(controller, control=law)
-    with pytest.raises(ArgumentError, match="memory"):
-        DisturbanceEstimate(0)
-    assert ea.CompositeController.for_robot(load("two_link"), friction=True).disturbance is None
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"limit": -1}, "limit"), ({"limit": 1, "memory": 0}, "memory"), ({"limit": 1, "moving": 0}, "moving"),
+     ({"limit": 1, "tolerance": np.nan}, "tolerance"), ({"limit": 1, "slow": 0}, "slow")],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(options, said):
+    with pytest.raises(ArgumentError, match=said):
+        DisturbanceEstimate(**options)

@@ -21,92 +21,77 @@ def carry(
     """The panda holds still when 2 kg come, and perhaps go."""
     robot = load("panda")
     known = {"position_noise": noise.position, "velocity_noise": noise.velocity} if noise else {}
-    controller, theta0 = ea.CompositeController.for_robot(robot, **known), None
+    controller = ea.CompositeController.for_robot(robot, **known)
     if frozen:
         law = dataclasses.replace(controller.law, direct=False, indirect=False)
-        controller = dataclasses.replace(controller, law=law, detector=None)
-        theta0 = controller.regressors.theta_potential
+        controller = dataclasses.replace(controller, law=law, detector=None, disturbance=None)
     loaded = ea.Payload(2.0, COM, attach=ATTACHED, release=release)
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), payload=loaded, noise=noise)
     goal = robot.configuration(robot.target)
-    return controller, ea.simulate(controller, plant, goal, duration, theta0=theta0, progress=False)
+    return controller, ea.simulate(controller, plant, goal, duration, progress=False)
 
 
-def test_a_load_is_noticed_compensated_and_weighed():
-    """2 kg: noticed within 20 ms, back under 1e-3 rad within 2 s; mass and place to 1e-6.
-
-    1e-6: the force balance is off by so much (Simpson's rule), and the load's motion is all there is.
-    """
-    controller, record = carry()
+def test_a_load_is_noticed_and_borne():
+    """2 kg: noticed within 20 ms, below 1e-3 rad again within half a second."""
+    _, record = carry()
     change = record.final_state.change
     assert change.noticed == 1
     assert ATTACHED < change.t < ATTACHED + 0.02
-    assert np.abs(record.error[record.t > ATTACHED]).max() > 1e-3, "the load did not matter"
-    assert record.settling_time(1e-3) < ATTACHED + 2
-    estimate = controller.payload(record.final_state)
-    assert estimate.mass == pytest.approx(2.0, rel=1e-6)
-    np.testing.assert_allclose(estimate.com, COM, atol=1e-6)
+    assert np.abs(record.error[record.t > ATTACHED]).max() > 1e-4, "the load did not matter"
+    assert record.settling_time(1e-3) < ATTACHED + 0.5
+
+
+def move_on(noise: ea.Noise | None = None, release: float = np.inf):
+    """The panda holds still when 2 kg come, goes home with them, and, where they go, moves once more."""
+    robot = load("panda")
+    known = {"position_noise": noise.position, "velocity_noise": noise.velocity} if noise else {}
+    controller = ea.CompositeController.for_robot(robot, **known)
+    loaded = ea.Payload(2.0, COM, attach=ATTACHED, release=release)
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), payload=loaded, noise=noise)
+    places = robot.configuration(robot.target), robot.configuration(robot.home)
+    duration = 4.5 if np.isinf(release) else release + 2.5
+    goal = lambda t: places[0] if t < 2.5 or release + 0.5 <= t < release + 3 else places[1]  # noqa: E731
+    return controller, ea.simulate(controller, plant, goal, duration, progress=False)
+
+
+def test_a_move_weighs_a_load():
+    """Home with 2 kg that nobody told: mass within 0.2 %, place within 0.2 mm, and it is known for a load."""
+    controller, record = move_on()
+    assert record.final_state.change.noticed == 1
+    estimate = ea.payload(controller, record.final_state)
+    assert estimate.mass == pytest.approx(2.0, rel=2e-3)
+    np.testing.assert_allclose(estimate.com, COM, atol=2e-4)
     assert estimate.is_load
     assert "no load" not in str(estimate)
+    carried = ea.carried(controller, record.final_state)
+    assert carried.mass == pytest.approx(2.0, rel=2e-3)
 
 
 def test_a_load_that_goes_is_a_negative_one():
-    """Released 1.5 s later: noticed, back within 2 s, and the same mass is missing."""
-    released = ATTACHED + 1.5
-    controller, record = carry(release=released, duration=released + 1.5)
+    """Let go when the arm has come home: noticed, and after a move the same mass is missing."""
+    controller, record = move_on(release=4.5)
     change = record.final_state.change
     assert change.noticed == 2
-    assert released < change.t < released + 0.03
-    assert record.settling_time(1e-3) < released + 2
-    assert controller.payload(record.final_state).mass == pytest.approx(-2.0, rel=1e-6)
-
-
-def test_without_adaptation_the_load_stays_down():
-    """The same law and gains with theta frozen at the URDF's gravity: 0.03 rad and more remain."""
-    _, record = carry(frozen=True)
-    assert np.abs(record.error[record.t < ATTACHED][-1]).max() < 5e-3, "it should have arrived before"
-    assert np.abs(record.error[-100:]).max() > 0.03
+    assert 4.5 < change.t < 4.53
+    assert ea.payload(controller, record.final_state).mass == pytest.approx(-2.0, rel=1e-2)
 
 
 def test_noise_neither_raises_alarms_nor_spoils_the_weight():
-    """With 1e-4 rad and 1e-3 rad/s: no false alarm, mass within 5 % and within five of its deviations."""
-    controller, record = carry(NOISE)
+    """With noise of 1e-4 rad and 1e-3 rad/s: no false alarm; mass within 2 % and five deviations."""
+    controller, record = move_on(NOISE)
     assert record.final_state.change.noticed == 1
-    estimate = controller.payload(record.final_state)
-    assert estimate.mass == pytest.approx(2.0, rel=0.05)
-    assert abs(estimate.mass - 2.0) < 5 * estimate.mass_std
-    assert estimate.mass_std < 0.02
-    assert estimate.is_load
-    assert np.isnan(estimate.com).all(), "at rest nothing tells where along the vertical the load is"
-    assert "cz" in estimate.unidentified[0]
-
-
-def test_a_move_tells_where_the_load_is_through_noise():
-    """Back home with 2 kg: mass and place within five of their deviations, which are below 1 % and 1 mm."""
-    robot = load("panda")
-    controller = ea.CompositeController.for_robot(robot, position_noise=1e-4, velocity_noise=1e-3)
-    loaded = ea.Payload(2.0, COM, attach=ATTACHED)
-    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), payload=loaded, noise=NOISE)
-    places = robot.configuration(robot.target), robot.configuration(robot.home)
-    record = ea.simulate(controller, plant, lambda t: places[t >= 2.5], 4.0, progress=False)
-    assert record.final_state.change.noticed == 1
-    estimate = controller.payload(record.final_state)
-    assert abs(estimate.mass - 2.0) < 5 * estimate.mass_std < 0.1
+    estimate = ea.payload(controller, record.final_state)
+    assert estimate.mass == pytest.approx(2.0, rel=0.02)
+    assert abs(estimate.mass - 2.0) < 5 * estimate.mass_std < 0.2
     assert np.all(np.abs(estimate.com - COM) < 5 * estimate.com_std)
-    assert np.all(estimate.com_std < 1e-3)
 
 
-def test_a_wrong_model_is_told_from_a_load():
-    """TALOS' arm without its rotors: a change is noticed, and the estimate says that it is no load."""
-    robot = load("talos_left_arm")
-    bare = ea.Robot.from_urdf(robot.path, robot.package_dirs, robot.locked, tool=robot.tool)
-    controller = ea.CompositeController.for_robot(bare)
-    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
-    record = ea.simulate(controller, plant, robot.configuration(robot.target), 1.0, progress=False)
-    assert record.final_state.change.noticed > 0
-    estimate = controller.payload(record.final_state)
-    assert not estimate.is_load
-    assert "no load" in str(estimate)
+def test_without_adaptation_the_load_stays_down():
+    """The same law and gains with theta frozen at the URDF's, and nothing fed forward for what it lacks: a
+    hundredth of a radian and more remains."""
+    _, record = carry(frozen=True)
+    assert np.abs(record.error[record.t < ATTACHED][-1]).max() < 5e-3, "it should have arrived before"
+    assert np.abs(record.error[-100:]).max() > 0.01
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
@@ -124,4 +109,4 @@ def test_without_a_change_there_is_no_load_to_weigh():
     controller = ea.CompositeController.for_robot(robot)
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
     with pytest.raises(ArgumentError, match="noticed"):
-        controller.payload(controller.init(plant.reset()))
+        ea.payload(controller, controller.init(plant.reset()))

@@ -19,10 +19,10 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 import eladapt as ea
-from eladapt.display.live import FRAMES_PER_SECOND, HEAD
-from eladapt.display.live_server import Stage
-from eladapt.display.page import POLICY
 from eladapt.errors import ArgumentError
+from eladapt.viewing.live import FRAMES_PER_SECOND, HEAD
+from eladapt.viewing.live_server import Stage
+from eladapt.viewing.page import POLICY
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +158,7 @@ def test_it_is_an_observer_of_a_simulation(fresh, robot):
 
     def carried(state):
         asked.append(state)
-        return controller.carried(state)
+        return ea.carried(controller, state)
 
     fresh._load = carried
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))

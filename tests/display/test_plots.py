@@ -28,7 +28,7 @@ def test_the_suffix_decides_the_format(record_of, tmp_path, suffix, head):
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_twelve_parameters_and_seven_joints_are_drawn_with_nothing_cut_off(record_of, tmp_path, count):
-    record = record_of("panda", n_parameters=12, theta_labels=(LONG,) * 12)
+    record = record_of("panda", n_parameters=12, parameter_labels=(LONG,) * 12)
     figure = ea.plot([record] * count, tmp_path / "run.png")
     picture = matplotlib.image.imread(tmp_path / "run.png")[..., :3]
     edge = np.concatenate([picture[[0, 1, -2, -1]].ravel(), picture[:, [0, 1, -2, -1]].ravel()])
@@ -55,7 +55,7 @@ def test_curves_are_the_records_values_and_dashed_lines_the_true_parameters(reco
 
 def test_records_side_by_side_have_common_axes_that_hold_every_curve(record_of):
     small = record_of("two_link")
-    large = dataclasses.replace(small, tau=9 * small.tau, theta=9 * small.theta, v=9 * small.v)
+    large = dataclasses.replace(small, tau=9 * small.tau, parameters=9 * small.parameters, v=9 * small.v)
     for pair in ([small, large], [large, small]):
         axes = ea.plot(pair).axes
         for left, right in zip(axes[::2], axes[1::2], strict=True):
@@ -79,6 +79,42 @@ def test_limits_are_drawn_when_the_torque_comes_near(record_of):
     assert len(panels(ea.plot(far))["torque"].lines) == 2
 
 
+def test_only_the_limits_of_joints_that_come_near_their_own_are_drawn(record_of):
+    """A fast joint draws its own limit and no slower joint's, and the axis holds it."""
+    record = record_of("two_link")
+    record.v[:] = [1.0, 0.1]
+    record = dataclasses.replace(record, velocity_limit=np.array([1.9, 0.9]))
+    axes = panels(ea.plot(record))["velocity"]
+    levels = [line.get_ydata()[0] for line in axes.lines[2:]]
+    assert levels == [1.9]
+    assert axes.get_ylim()[1] > 1.9
+
+
+def test_a_law_without_gates_shows_what_is_known_of_gravity(record_of):
+    """The eigenvalues over time stand where Delta and the gates would."""
+    record = record_of("two_link", delta=None, zeta=None, zeta_integral=None)
+    known = np.column_stack([np.linspace(0, 1, 31), np.linspace(0, 0.9, 31), np.linspace(0, 0.2, 31)])
+    drawn = panels(ea.plot(dataclasses.replace(record, excitation=known)))
+    assert not any("zeta" in title or "Delta" in title for title in drawn)
+    lines = drawn["known of gravity, by direction"].lines
+    for line, column in zip(lines, known[:, 1:].T, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), column)
+    assert "known of gravity, by direction" not in panels(ea.plot(record))
+
+
+def test_a_goal_that_moves_is_drawn_dashed(record_of):
+    record = record_of("two_link")
+    moving = dataclasses.replace(record, goal_velocity=0.1 + 0 * record.v)
+    drawn = panels(ea.plot(moving))
+    dashed = [line.get_ydata() for line in drawn["position, goal dashed"].lines[2:]]
+    np.testing.assert_array_equal(dashed, moving.goal.T)
+    dashed = [line.get_ydata() for line in drawn["velocity, goal dashed"].lines[2:]]
+    np.testing.assert_array_equal(dashed, moving.goal_velocity.T)
+    continuous = record_of("kinova")
+    continuous = dataclasses.replace(continuous, goal_velocity=0.1 + 0 * continuous.v)
+    assert "position, goal dashed" not in panels(ea.plot(continuous)), "cosines are no angles"
+
+
 def test_a_long_record_is_thinned_and_keeps_its_spikes(record_of):
     record = record_of("two_link", 20.0)
     record.tau[12345, 0] = 777.0
@@ -88,12 +124,12 @@ def test_a_long_record_is_thinned_and_keeps_its_spikes(record_of):
 
 
 def test_a_controller_without_estimates_gets_the_panels_of_the_motion(record_of):
-    record = record_of("two_link", n_parameters=0, theta_true=None)
+    record = record_of("two_link", n_parameters=0, parameters_true=None)
     assert len(panels(ea.plot(record))) == 4
 
 
 def test_unknown_true_values_and_diverged_samples_are_drawn(record_of, tmp_path):
-    record = record_of("two_link", theta_true=None)
+    record = record_of("two_link", parameters_true=None)
     record.error[-100:] = np.nan
     record.theta[-100:] = np.nan
     ea.plot(record, tmp_path / "run.png")

@@ -3,6 +3,7 @@
 import base64
 import collections
 import contextlib
+import dataclasses
 import html.parser
 import json
 import math
@@ -18,10 +19,13 @@ import pinocchio as pin
 import psutil
 import pytest
 import umsgpack
+from display_records import loaded
 
 import eladapt as ea
-from eladapt.display.meshes import ROBOT_TRIANGLES
-from eladapt.display.page import VIEWER_CODE
+from eladapt.viewing.loads import UNSEEN, loads_of, radius_of
+from eladapt.viewing.meshes import ROBOT_TRIANGLES
+from eladapt.viewing.page import VIEWER_CODE
+from eladapt.viewing.scene import motion_of
 
 TRIANGLE = """solid one
 facet normal 0 0 1
@@ -328,3 +332,15 @@ def test_the_server_ends_with_the_process(record_of, tmp_path):
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "http://127.0.0.1:" in done.stdout
+
+
+def test_before_the_first_estimate_there_is_no_load():
+    """A load that was only noticed on the way is drawn from then on."""
+    record = loaded()
+    late = dataclasses.replace(record, carried=record.carried[30:])  # from 1 s on
+    robot = ea.Robot.from_source(record.robot_source)
+    times = np.array([0.0, 0.5, 0.99, 1.01, 1.5])
+    motion = motion_of(robot, record.t, record.q, times)
+    radius = loads_of(late, robot, motion, times).radius
+    assert np.all(radius[:3] == UNSEEN)
+    assert np.all(radius[3:] == radius_of(2.0))

@@ -7,10 +7,9 @@ from scipy.integrate import solve_ivp
 import eladapt as ea
 from eladapt.errors import ArgumentError
 from eladapt.estimation.adaptation import flow
-from eladapt.estimation.excitation import GateMonitor, saturation, zeta_1
+from eladapt.estimation.excitation import saturation, zeta_1
+from eladapt.paper.typeset_estimation import GateMonitor
 from eladapt.signals import MixedRegression
-
-STILL = (np.zeros((2, 3)), np.zeros(2), np.zeros(2))
 
 
 @pytest.mark.parametrize("b", [0.25, 0.5, 0.9, 1.0])
@@ -45,41 +44,64 @@ def test_law_is_the_typeset_right_side_for_a_small_step(rng):
     law = ea.CompositeLaw(0.3, 0.7, 5.0, np.array([1.0, 0.5, 2.0]), np.array([50.0, 20.0, 5.0]), d=0.8)
     psi, e1, e2 = rng.normal(size=(2, 3)), rng.normal(size=2), rng.normal(size=2)
     theta, true, delta = rng.normal(size=3), rng.normal(size=3), 0.02
-    mixed = MixedRegression(delta * true, delta, np.eye(3))
+    mixed = MixedRegression(delta * true, delta)
     xi = np.sign(theta - true) * np.abs(delta * theta - mixed.Y) ** 0.5
     rate = -law.Gamma * (psi.T @ (0.3 * 5.0 * np.tanh(e1) + e2))
     rate -= law.Gamma * law.Upsilon * delta**0.8 / (1 + delta**1.3) * xi
     dt = 1e-7
-    np.testing.assert_allclose(
-        (law.step(theta, psi, e1, e2, mixed, dt) - theta) / dt, rate, rtol=1e-5, atol=1e-6
-    )
+    moved = law.scalar_flow(law.descend(theta, psi, e1, e2, dt), mixed, dt)
+    np.testing.assert_allclose((moved - theta) / dt, rate, rtol=1e-5, atol=1e-6)
 
 
-def test_directional_step_moves_each_direction_by_its_own_gate(rng):
-    """An unexcited direction stays; an excited one arrives."""
-    basis = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    true, theta = rng.normal(size=3), np.zeros(3)
-    gates = np.array([0.9, 0.9, 0.0])
-    mixed = MixedRegression(gates * (basis.T @ true), gates, basis)
-    law = ea.CompositeLaw()
-    for _ in range(2000):
-        theta = law.step(theta, *STILL, mixed, 1e-3)
-    np.testing.assert_allclose((basis.T @ theta)[:2], (basis.T @ true)[:2], atol=1e-12)
-    assert abs((basis.T @ theta)[2]) < 1e-12
+@pytest.mark.parametrize("steps", [1, 7, 1000])
+def test_vector_form_arrives_and_stays(steps, rng):
+    """theta' = rate r / |r|^(1 - b) with Phi = I reaches the truth at |r|^(1 - b) / ((1 - b) rate), within
+    one step, along a straight line, and stays there to the last bit."""
+    law = ea.CompositeLaw(Gamma=1.0, Upsilon=3.0)
+    true, start = rng.normal(size=(2, 6))
+    arrival = np.linalg.norm(start - true) ** 0.5 / (0.5 * 3.0)
+    theta, dt = start, arrival / steps
+    for _ in range(steps + 1):
+        theta = law.arrive(theta, true - theta, dt)
+        line = (theta - start) @ (true - start) / np.sum((true - start) ** 2)
+        np.testing.assert_allclose(theta, start + line * (true - start), atol=1e-12)
+    np.testing.assert_allclose(law.arrive(theta, true - theta, dt), true, rtol=0, atol=1e-15)
+
+
+def test_vector_form_decays_as_its_inequality_says(rng):
+    """V' <= -rate lambda_min(Phi) |theta_error|^(1 + b) (588), by a fine step, for Phi of any eigenvalues."""
+    law, dt = ea.CompositeLaw(Gamma=1.0, Upsilon=2.0), 1e-7
+    for _ in range(50):
+        basis = np.linalg.qr(rng.normal(size=(5, 5)))[0]
+        gates = rng.uniform(0, 1, size=5)
+        error = rng.normal(size=5)
+        moved = law.arrive(error, -(basis * gates) @ basis.T @ error, dt)
+        rate = (np.sum(moved**2) - np.sum(error**2)) / (2 * dt)
+        assert rate <= -2.0 * gates.min() * np.linalg.norm(error) ** 1.5 * (1 - 1e-5)
+
+
+def test_direct_term_is_one_gain_for_all_or_a_diagonal_for_gravity(rng):
+    """-dt Gamma W' [gamma1 d1 tanh(e1) + (gamma1 + gamma2) e2]; a diagonal leaves all but theta_U alone."""
+    W, e1, e2, theta = rng.normal(size=(3, 6)), rng.normal(size=3), rng.normal(size=3), rng.normal(size=6)
+    push = 1e-3 * W.T @ (0.3 * 5.0 * np.tanh(e1) + e2)
+    np.testing.assert_allclose(ea.CompositeLaw(Gamma=2.0).descend(theta, W, e1, e2, 1e-3), theta - 2 * push)
+    diagonal = ea.CompositeLaw(Gamma=np.array([1.0, 3.0])).descend(theta, W, e1, e2, 1e-3)
+    np.testing.assert_allclose(diagonal, theta - push * [0, 0, 0, 0, 1, 3])
 
 
 def test_estimates_stay_within_known_bounds():
+    """theta_U alone is bounded, however far the data say it is."""
     law = ea.CompositeLaw(bounds=np.array([1.0, 2.0, 0.5]))
-    mixed = MixedRegression(np.array([5.0, -5.0, 0.1]), 1.0, np.eye(3))
-    theta = np.zeros(3)
+    mixed = MixedRegression(np.array([9.0, 5.0, -5.0, 0.1]), 1.0)
+    theta = np.zeros(4)
     for _ in range(5000):
-        theta = law.step(theta, *STILL, mixed, 1e-3)
-    np.testing.assert_allclose(theta, [1.0, -2.0, 0.1], atol=1e-12)
+        theta = law.bounded(law.scalar_flow(theta, mixed, 1e-3), 3)
+    np.testing.assert_allclose(theta, [9.0, 1.0, -2.0, 0.1], atol=1e-12)
 
 
 def test_monitor_integrates_zeta():
-    monitor, mixed = GateMonitor(0.5, 0.5), MixedRegression(np.zeros(2), 0.25, np.eye(2))
-    excitation = monitor.init(1)
+    monitor, mixed = GateMonitor(0.5, 0.5), MixedRegression(np.zeros(2), 0.25)
+    excitation = monitor.init()
     for _ in range(10):
         excitation = monitor.step(excitation, mixed, 0.1)
     np.testing.assert_allclose(excitation.integral, 0.25 / 1.25, rtol=1e-12)

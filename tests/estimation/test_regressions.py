@@ -70,9 +70,9 @@ def test_viscous_friction_has_its_own_columns(block):
     trajectory = closed_loop("ur5", 0.3, friction=True)
     reg = trajectory.reg
     theta = reg.theta
-    viscous = slice(reg.n_inertial, reg.n_inertial + reg.robot.nv)
-    theta[viscous] = reg.robot.damping + 0.3
-    theta[viscous.stop : viscous.stop + reg.robot.nv] = 0
+    viscous = reg.block("viscous")
+    theta[viscous] = reg.scale[viscous] * (reg.robot.damping + 0.3)
+    theta[reg.block("coulomb")] = 0
     assert residual(block(reg, 20.0), trajectory, theta) <= 1e-4
     rigid = regressors("ur5")
     assert residual(block(rigid, 20.0), trajectory, rigid.theta) > 1e-3

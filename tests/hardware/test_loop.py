@@ -145,6 +145,27 @@ def test_a_fault_is_held_for_a_while_and_ends_the_loop():
     assert t[-1] == pytest.approx(result.fault.t + 0.1, abs=2 * DT)
 
 
+def test_a_goal_may_be_a_reference_that_moves():
+    """The gate and the record take it as `simulate` does; one that is broken is a fault, not a crash."""
+    robot, controller, plant, goal = made()
+    still, moved = np.zeros(robot.nv), np.full(robot.nv, 0.1)
+
+    def course(t):
+        return ea.Reference(robot.integrate(plant.q0, t * moved), moved, still)
+
+    result = ea.run_loop(controller, Simulated(plant), course, 0.2, DT)
+    record = result.record
+    assert result.fault is None
+    np.testing.assert_array_equal(record.goal_velocity, np.tile(moved, (len(record), 1)))
+    np.testing.assert_array_equal(record.goal[-1], course(record.t[-1]).q)
+    assert np.array_equal(result.state.gate.goal.v, moved)
+    broken = ea.Reference(goal, "fast", still)
+    result = ea.run_loop(controller, Simulated(plant), broken, 0.2, DT, after_fault=0.05)
+    assert result.fault.name == "goal"
+    assert np.isnan(result.record.goal_velocity).all()
+    assert np.isfinite(result.record.tau).all()
+
+
 def test_a_checkpoint_carries_what_was_learned_to_the_next_run(tmp_path):
     """The next run, on a robot whose clock begins again, has the estimate and the information of the last."""
     _, controller, plant, goal = made()
@@ -154,7 +175,8 @@ def test_a_checkpoint_carries_what_was_learned_to_the_next_run(tmp_path):
     assert np.array_equal(state.theta, first.state.theta)
     second = ea.run_loop(controller, Simulated(plant), goal, 1.0, DT, state=state)
     assert second.fault is None
-    true = second.record.theta_true
+    assert second.record.theta_true is None, "of a real robot nothing is known"
+    true = controller.regressors.theta_potential
     # the first run moved both joints, so that gravity is known to a percent from the first sample on
     assert np.abs(second.record.theta[0] - true).max() < 0.01 * np.abs(true).max()
     assert np.abs(second.record.theta[-1] - true).max() < 0.01 * np.abs(true).max()

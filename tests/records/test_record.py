@@ -1,6 +1,7 @@
 """Records survive saving, loading and failing, and their metrics mean what they say."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -67,7 +68,12 @@ def test_what_is_not_a_record_is_refused(record, tmp_path):
     path.write_bytes(record.save(tmp_path / "good.npz").read_bytes()[:2000])
     with pytest.raises(RecordError, match="damaged"):
         ea.Record.load(path)
-    np.savez_compressed(path, header=np.array('{"format": 1}'))
+    header = {"format": 1, "configuration": {"versions": {"eladapt": "0.0.7"}}}
+    np.savez_compressed(path, header=np.array(json.dumps(header)))
+    old = r"run\.npz: a record in format 1, written by eladapt 0\.0\.7; this one reads format 2\. Run the"
+    with pytest.raises(RecordError, match=old):
+        ea.Record.load(path)
+    np.savez_compressed(path, header=np.array('{"format": 2}'))
     with pytest.raises(RecordError, match="lacks"):
         ea.Record.load(path)
     with pytest.raises(ArgumentError, match=r"\.npz"):
@@ -80,13 +86,25 @@ def test_metrics_of_a_known_signal(record):
     error = np.where((t < 1) | ((t > 2) & (t < 2.5)), 1.0, 1e-5)[:, None]
     tau = (0.2 * np.sin(2 * np.pi * 50 * t) + t)[:, None]
     theta = np.where(t < 1.5, 0.0, 1.005)[:, None]
-    made = dataclasses.replace(record, t=t, error=error, tau=tau, theta=theta, theta_true=np.ones(1), dt=1e-3)
+    made = dataclasses.replace(
+        record,
+        t=t,
+        error=error,
+        tau=tau,
+        parameters=theta,
+        parameters_true=np.ones(1),
+        n_potential=1,
+        v=0.5 * error,
+        velocity_limit=np.ones(1),
+        dt=1e-3,
+    )
     metrics = made.metrics()
     assert metrics.settling_time == pytest.approx(2.5)
     assert metrics.steady_error == pytest.approx(1e-5)
     assert metrics.parameter_settling == pytest.approx(1.5)
     assert metrics.chatter == pytest.approx(0.4, rel=0.03)  # the trend of a cut sine
     assert made.settling_time(threshold=1e-6) == np.inf
+    assert metrics.peak_speed == pytest.approx(0.5)
     assert metrics.control_energy == pytest.approx(np.sum(tau**2) * 1e-3)
 
 
@@ -106,21 +124,25 @@ def test_the_true_parameters_follow_the_load(name, slotine_li):
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), payload=payload)
     record = ea.simulate(controller, plant, robot.configuration(robot.target), 0.02, progress=False)
     reg, heavy = controller.regressors, dataclasses.replace(robot, model=payload.loaded(robot))
-    size = record.theta.shape[1]
-    assert record.theta_true_course.shape == (21, size)
+    size = record.parameters.shape[1]
+    assert record.parameters_true_course.shape == (21, size)
+    np.testing.assert_array_equal(
+        record.theta_true_course, record.parameters_true_course[:, -reg.n_potential :]
+    )
     for k in (0, 9, 10, 20):
         arm = heavy if payload.held(record.t[k]) else robot
-        true = record.theta_true_course[k]
+        true = record.parameters_true_course[k]
         if slotine_li:
             rng = np.random.default_rng(k)
             v, a = rng.normal(size=(2, robot.nv))
             torque, made = arm.inverse_dynamics(record.q[k], v, a), reg.torque(record.q[k], v, a) @ true
         else:
-            torque, made = arm.gravity(record.q[k]), reg.gravity(record.q[k]) @ true
+            torque = arm.gravity(record.q[k])
+            made = reg.gravity(record.q[k]) @ true[-reg.n_potential :]
         # Rounding of the base's projection, as for the bare arm's identities (1e-9 asked, 3e-12 measured).
         np.testing.assert_allclose(made, torque, atol=1e-9 * np.abs(torque).max())
-    np.testing.assert_array_equal(record.theta_true, record.theta_true_course[-1])
-    np.testing.assert_array_equal(record.theta_error, record.theta - record.theta_true_course)
+    np.testing.assert_array_equal(record.parameters_true, record.parameters_true_course[-1])
+    np.testing.assert_array_equal(record.parameter_error, record.parameters - record.parameters_true_course)
 
 
 def test_a_loaded_record_survives_saving(tmp_path):

@@ -1,6 +1,8 @@
 """A state that was saved is the state; anything else is refused."""
 
 import dataclasses
+import functools
+import json
 import shutil
 import subprocess
 import sys
@@ -12,11 +14,12 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, StateError
+from eladapt.records.description import describe, identity
 
 DT = 1e-3
 CONTROLLERS = {
     "composite": lambda: ea.CompositeController.for_robot(load("ur5")),
-    "friction": lambda: ea.CompositeController.for_robot(load("ur5"), friction=True),
+    "no joint terms": lambda: ea.CompositeController.for_robot(load("ur5"), joint_terms=()),
     "gated": lambda: ea.GatedController.for_robot(ea.CompositeController.for_robot(load("ur5"))),
     "Slotine-Li": lambda: ea.SlotineLi.for_robot(load("ur5")),
     "terminal sliding": lambda: ea.TerminalSliding.for_robot(load("ur5")),
@@ -110,7 +113,9 @@ def test_another_controller_is_refused_and_the_difference_named(saved, tmp_path)
     others = {
         r"control\.P is \[.*\], in the file \[": ea.CompositeController.for_robot(robot, P=[10, 5]),
         "effort_limit is": dataclasses.replace(controller, effort_limit=4.0),
-        r"viscous is True, in the file False": ea.CompositeController.for_robot(robot, friction=True),
+        r"regressors\.coulomb is False, in the file True": ea.CompositeController.for_robot(
+            robot, joint_terms=("rotor", "viscous")
+        ),
         "joints is shoulder_pan": ea.CompositeController.for_robot(load("ur5")),
         "model.inertias is": ea.CompositeController.for_robot(heavier),
         "class is GatedController, in the file CompositeController": ea.GatedController.for_robot(controller),
@@ -128,6 +133,49 @@ def test_the_place_of_the_urdf_does_not_matter(saved, tmp_path):
         ea.Robot.from_urdf(tmp_path / "copy.urdf", zero_parameters=controller.robot.zero_parameters)
     )
     assert np.array_equal(ea.load_state(path, copied).theta, state.theta)
+
+
+def test_a_state_of_an_older_format_is_refused_by_name(saved, tmp_path, monkeypatch):
+    """The message says which release wrote it, and what to do."""
+    from eladapt.records import state_file as module
+
+    controller, state, _ = saved
+    monkeypatch.setattr(module, "FORMAT", 1)
+    path = ea.save_state(tmp_path / "old.npz", controller, state)
+    monkeypatch.undo()
+    old = r"old\.npz: a state in format 1, written by eladapt 0\.1\.0; this one reads format 2\. Begin with"
+    with pytest.raises(StateError, match=old):
+        ea.load_state(path, controller)
+
+
+def test_what_was_computed_is_no_part_of_what_a_controller_is():
+    """Used or not, it does the same; a gain is another thing. A record describes it in the same words."""
+    robot = load("two_link")
+    plain, used = (ea.CompositeController.for_robot(robot) for _ in range(2))
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    ea.simulate(used, plant, robot.configuration(robot.target), 0.01, progress=False)
+    assert identity(plain) == identity(used)
+    assert identity(plain) != identity(ea.CompositeController.for_robot(robot, P=[10, 5]))
+    told = describe(plain)
+    assert told["control"]["P"] == list(plain.control.P)
+    assert told["regressors"]["robot"]["model"]["joints"] == "shoulder, elbow"
+    json.dumps(told)
+
+
+def test_what_holds_itself_can_be_described_and_what_it_worked_out_is_left_out():
+    class Ring:
+        def __init__(self):
+            self.gain, self.ring = 2.5, self
+
+        @functools.cached_property
+        def twice(self):
+            return 2 * self.gain
+
+    ring = Ring()
+    assert ring.twice == 5.0
+    told = describe(ring)
+    assert told["gain"] == 2.5
+    assert "twice" not in told
 
 
 def equal(one, other):

@@ -9,10 +9,12 @@ from shared import ROBOTS, load, regressors
 import eladapt as ea
 from eladapt.errors import ArgumentError, RankWarning
 from eladapt.regressors.base import Samples, independent_basis, sample
+from eladapt.regressors.joint_terms import RELUCTANCE
 from eladapt.regressors.standard import StandardRegressors
 
 STATES = 100
 EXACT = 1e-9  # relative; what the issue of identities demands, observed 1e-11 at worst
+ALL = ("rotor", "viscous", "coulomb", "offset")
 H = 1e-5  # of central differences: h^2 and rounding/h are both about 1e-10
 
 
@@ -39,14 +41,13 @@ def sharing(request) -> str:
     return request.param
 
 
-@pytest.fixture(params=[False, True], ids=["rigid", "friction"])
+@pytest.fixture(params=[(), ALL], ids=["rigid", "joint terms"])
 def reg(robot, sharing, request) -> ea.Regressors:
     return regressors(robot.name, sharing, request.param)
 
 
 def test_torque_is_inverse_dynamics_with_armature_and_friction(robot, reg, rng):
     """W theta = M a + C v + g + friction."""
-    lost = reg.friction_torque
     pairs = [
         (
             reg.torque(s.q, s.v, s.a) @ reg.theta,
@@ -56,7 +57,6 @@ def test_torque_is_inverse_dynamics_with_armature_and_friction(robot, reg, rng):
         for s in states(robot, rng)
     ]
     assert mismatch(pairs) <= EXACT
-    assert lost(np.zeros(robot.nv)).shape == (robot.nv, len(reg))
 
 
 def test_energy_is_kinetic_plus_potential(robot, reg, rng):
@@ -95,18 +95,34 @@ def test_gravity_needs_theta_potential_only(robot, reg, rng):
     assert mismatch([(reg.potential_gradient(s.q) @ reg.theta, robot.gravity(s.q)) for s in every]) <= EXACT
 
 
-def test_slotine_li_uses_christoffel_coriolis(robot, sharing, rng):
-    """W_r theta = M ar + C vr + g, and W_r = W when vr = v."""
-    reg = regressors(robot.name, sharing)
-    every = states(robot, rng)
-    expected = [
-        robot.mass_matrix(s.q) @ s.ar + robot.coriolis_matrix(s.q, s.v) @ s.vr + robot.gravity(s.q)
-        for s in every
-    ]
-    found = [reg.slotine_li(s.q, s.v, s.vr, s.ar) @ reg.theta for s in every]
-    assert mismatch(zip(found, expected, strict=True)) <= EXACT
-    same = [(reg.slotine_li(s.q, s.v, s.v, s.a), reg.torque(s.q, s.v, s.a)) for s in every]
-    assert mismatch(same) <= EXACT
+def test_slotine_li_uses_christoffel_coriolis(robot, reg, rng):
+    """W_r theta = M ar + C vr + g + friction at vr, Coulomb as a steep tanh."""
+    pairs = []
+    for s in states(robot, rng):
+        expected = robot.mass_matrix(s.q) @ s.ar + robot.coriolis_matrix(s.q, s.v) @ s.vr + robot.gravity(s.q)
+        if reg.n_friction:
+            expected += robot.damping * s.vr + robot.friction * np.tanh(s.vr / reg.coulomb_speed)
+        pairs.append((reg.slotine_li(s.q, s.v, s.vr, s.ar) @ reg.theta, expected))
+    assert mismatch(pairs) <= EXACT
+
+
+def test_slotine_li_along_the_motion_is_the_torque_regressor(robot, reg, rng):
+    """W_r(q, v, v, a) = W(q, v, a) for speeds well above that of Coulomb's tanh."""
+    pairs = []
+    for s in states(robot, rng):
+        v = np.sign(s.v) * np.maximum(np.abs(s.v), 20 * reg.coulomb_speed)
+        pairs.append((reg.slotine_li(s.q, v, v, s.a), reg.torque(s.q, v, s.a)))
+    assert mismatch(pairs) <= EXACT
+
+
+def test_a_reference_at_rest_needs_gravity_and_offsets_only(robot, reg, rng):
+    """W_r(q, v, 0, 0) is the torque regressor at rest, whatever v is, and the limit of slow references."""
+    for s in states(robot, rng, 10):
+        still = np.zeros(robot.nv)
+        found = reg.slotine_li(s.q, s.v, still, still)
+        np.testing.assert_array_equal(found, reg.torque(s.q, still, still))
+        near = reg.slotine_li(s.q, s.v, np.full(robot.nv, 1e-12), still)
+        np.testing.assert_allclose(near, found, atol=1e-9)
 
 
 def test_mass_matrix_derivative_is_coriolis_plus_transpose(robot, rng):
@@ -127,7 +143,7 @@ def test_momentum_balance_is_the_torque_regressor(robot, reg, rng):
         ahead = reg.momentum(robot.integrate(s.q, H * s.v + H**2 / 2 * s.a), s.v + H * s.a)
         behind = reg.momentum(robot.integrate(s.q, -H * s.v + H**2 / 2 * s.a), s.v - H * s.a)
         balance = (ahead - behind) / (2 * H) - reg.kinetic_gradient(s.q, s.v)
-        balance += reg.potential_gradient(s.q) + reg.friction_torque(s.v)
+        balance += reg.potential_gradient(s.q) + reg.joint_torque(s.v)
         pairs.append((balance, reg.torque(s.q, s.v, s.a)))
     assert mismatch(pairs) <= 1e-6
 
@@ -148,7 +164,7 @@ def test_base_ranks_are_the_published_ones(name, sharing, total, potential):
 @pytest.mark.parametrize("sharing", ["shared", "independent"])
 def test_inertial_parameters_round_trip(robot, sharing, rng):
     """Standard parameters found from base parameters have those base parameters again."""
-    reg = regressors(robot.name, sharing)
+    reg = regressors(robot.name, sharing, ("rotor",))
     nominal = reg.robot_parameters
     assert np.abs(reg.inertial_parameters(reg.theta) - nominal).max() <= 1e-9 * np.abs(nominal).max()
     changed = nominal * rng.uniform(0.5, 2, size=len(nominal))
@@ -158,11 +174,18 @@ def test_inertial_parameters_round_trip(robot, sharing, rng):
 
 
 def test_scaled_columns_have_unit_size(robot, rng):
-    """One gain fits all parameters: the RMS of every gravity column is one within sampling error."""
-    reg = regressors(robot.name)
-    columns = np.vstack([reg.gravity(s.q) for s in states(robot, rng, 400)])
-    rms = np.sqrt(np.mean(columns**2, axis=0))
-    assert np.all((rms > 0.6) & (rms < 1.6))  # 120 and 400 samples of a bounded variable
+    """One gain fits all parameters: the RMS of every column is one within sampling error, but of what looks
+    like gravity while a joint moves one way: those columns are `RELUCTANCE` times smaller."""
+    reg = regressors(robot.name, "shared", ALL)
+    every = states(robot, rng, 400)
+    motion = np.vstack([reg.torque(s.q, s.v, s.a) for s in every])
+    gravity = np.vstack([reg.potential_gradient(s.q) for s in every])
+    j = len(reg) - reg.n_potential
+    expected = np.ones(len(reg))
+    expected[reg.block("coulomb")] = expected[reg.block("offset")] = 1 / RELUCTANCE
+    for columns, size in ((motion[:, :j], expected[:j]), (gravity[:, j:], expected[j:])):
+        rms = np.sqrt(np.mean(columns**2, axis=0)) / size
+        assert np.all((rms > 0.6) & (rms < 1.6))  # 120 and 400 samples of a variable of few large values
 
 
 def test_paper_basis_is_the_papers_deltas():
@@ -174,28 +197,24 @@ def test_paper_basis_is_the_papers_deltas():
 def test_an_unclear_rank_is_reported():
     """Singular values that fade out without a drop of 100 are a warning that gives the figure."""
     standard = StandardRegressors(load("double_pendulum"))
-    kinetic, gravity = sample(standard)
+    kinetic, gravity, velocity = sample(standard)
     size = kinetic.shape[1]
     left, right = (np.linalg.qr(np.random.default_rng(k).normal(size=(size, size)))[0] for k in (0, 1))
     fading = left @ np.diag(np.logspace(0, -15, size)) @ right
     with pytest.warns(RankWarning, match="only by a factor"):
-        basis = independent_basis(standard, Samples(fading, gravity))
+        basis = independent_basis(standard, Samples(fading, gravity, velocity))
     assert basis.rank_gap < 100
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_labels_name_every_parameter_once(name):
-    reg = regressors(name, "shared", True)
+    reg = regressors(name, "shared", ALL)
     assert len(reg.labels) == len(reg.theta) == len(set(reg.labels)) == len(reg)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [({"sharing": "both"}, "sharing"), ({"friction": "dry"}, "friction")],
-)
-def test_unknown_options_are_refused(options, said):
-    with pytest.raises(ArgumentError, match=said):
-        ea.Regressors(load("two_link"), **options)
+def test_unknown_options_are_refused():
+    with pytest.raises(ArgumentError, match="sharing: expected 'shared' or 'independent', got 'both'"):
+        ea.Regressors(load("two_link"), "both")
 
 
 def test_a_basis_that_leaves_torque_out_is_refused():

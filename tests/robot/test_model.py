@@ -167,8 +167,8 @@ def test_a_robot_without_gravity_torque_is_regulated():
 def test_one_joint_is_a_robot_too(tmp_path, kind, rng):
     """Identities and regulation with matrices of one row, for each joint type."""
     robot = ea.Robot.from_urdf(urdf(tmp_path, joint(0, kind)).rename(tmp_path / "one.urdf"))
-    for friction in (False, True):
-        reg = ea.Regressors(robot, friction=friction)
+    for joint_terms in ((), ("rotor", "viscous", "coulomb", "offset")):
+        reg = ea.Regressors(robot, joint_terms=joint_terms)
         q, (v, a) = robot.configuration([0.7]), rng.normal(size=(2, 1))
         np.testing.assert_allclose(reg.torque(q, v, a) @ reg.theta, robot.inverse_dynamics(q, v, a))
         np.testing.assert_allclose(reg.momentum(q, v) @ reg.theta, robot.mass_matrix(q) @ v)
@@ -178,3 +178,26 @@ def test_one_joint_is_a_robot_too(tmp_path, kind, rng):
     plant = ea.PinocchioPlant(robot, robot.configuration([0.0]), friction=ea.Friction(coulomb=1e-6))
     record = ea.simulate(controller, plant, robot.configuration([0.8]), 4.0, progress=False)
     assert record.settling_time(1e-3) < 4
+
+
+def test_a_robot_says_what_it_is_in_a_line(robot):
+    """Its name, how many joints from which to which, and the tool; nothing of Pinocchio's."""
+    shown = repr(robot)
+    assert shown.count("\n") == 0
+    assert len(shown) < 160
+    for name in (robot.name, robot.joint_names[0], robot.joint_names[-1], robot.tool):
+        assert repr(name) in shown
+    assert f"{robot.nv} joint" in shown
+
+
+def test_a_robot_of_hostile_names_is_still_told_in_a_line(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf(tmp_path, joint(0, "revolute")).read_text().replace('"j0"', f'"j&#10;{"0" * 1000}"'))
+    robot = ea.Robot.from_urdf(path, name="a\n\x1b[31m" * 100)
+    assert repr(robot).isprintable()
+    assert len(repr(robot)) < 300
+
+
+def test_the_types_are_there_for_others():
+    """A type checker reads the annotations of a library that has this file (PEP 561)."""
+    assert (Path(ea.__file__).parent / "py.typed").is_file()

@@ -185,8 +185,8 @@ def test_a_fault_stays_until_reset_and_the_first_one_counts():
     assert state.fault is None
     assert np.abs(measurement.q - goal).max() < 1e-3
     afresh = controller.reset(state, measurement, forget=True)
-    assert np.array_equal(afresh.theta, state.trusted)
-    assert not afresh.information.triangle.any()
+    assert np.array_equal(afresh.parameters, state.trusted)
+    assert not afresh.inner.information.triangle[:, -1].any()
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])

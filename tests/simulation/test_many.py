@@ -31,6 +31,26 @@ def swinging(t: float) -> np.ndarray:
     return np.sin(t + np.arange(7))
 
 
+def drifting(t: float) -> ea.Reference:
+    """The same with a velocity."""
+    return ea.Reference(swinging(t), np.cos(t + np.arange(7)), -swinging(t))
+
+
+def test_a_reference_is_one_goal_and_a_list_of_them_many():
+    """Though it is a tuple; and a callable may return it."""
+    controller, plant = ea.SlotineLi.for_robot(load("panda")), panda_plants(1)[0]
+    still = ea.Reference(swinging(0), np.full(7, 0.1), np.zeros(7))
+    with ThreadPoolExecutor(1) as executor:
+        options = {"executor": executor, "progress": False}
+        one = ea.simulate_many(controller, plant, still, 0.01, DT, **options)
+        many = ea.simulate_many(controller, plant, [still, drifting], 0.01, DT, **options)
+    alone = [ea.simulate(controller, plant, goal, 0.01, DT, progress=False) for goal in (still, drifting)]
+    assert len(one) == 1
+    assert same(one[0], alone[0])
+    assert all(map(same, many, alone))
+    assert many[1].goal_velocity[3, 0] == np.cos(many[1].t[3])
+
+
 def same(one: ea.Record, other: ea.Record) -> bool:
     """Bit for bit, the controller's last state included."""
     for field in dataclasses.fields(one):

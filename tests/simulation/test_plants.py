@@ -6,6 +6,7 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, SimulationError, UnknownNameError
+from eladapt.simulation.instruments import Delay
 from eladapt.simulation.plants import _active_set, _projected_sweeps
 
 DT = 1e-3
@@ -170,3 +171,30 @@ def test_bad_torques_are_named():
         plant.step(np.array([np.nan, 0]), DT)
     with pytest.raises(ArgumentError, match="dt"):
         plant.step(np.zeros(2), -DT)
+
+
+def test_a_plant_says_what_it_is_in_a_line():
+    """Robot, time, friction, noise and load are told where they are not nothing, through every wrapper."""
+    robot = load("panda")
+    plant = ea.PinocchioPlant(robot, robot.home)
+    assert repr(plant) == "PinocchioPlant('panda', t = 0 s)"
+    acting = {"friction": ea.Friction(0.5, np.arange(7)), "noise": ea.Noise(1e-4), "payload": 2.0}
+    plant = Delay(ea.PinocchioPlant(robot, robot.home, **acting), 1e-3)
+    plant.step(robot.gravity(robot.home), DT)
+    assert repr(plant) == (
+        "Delay(PinocchioPlant('panda', t = 0.001 s, friction up to 0.5 N m s/rad and 6 N m, "
+        "noise 0.0001 rad, 0 rad/s, 2 kg at 'panda_hand_tcp'))"
+    )
+
+
+class Drift:
+    def sample(self, t, nv, rng):
+        return np.full(nv, t), np.zeros(nv)
+
+
+def test_noise_of_ones_own_is_told_by_its_name():
+    robot = load("two_link")
+    assert (
+        repr(ea.PinocchioPlant(robot, [0.0, 0.0], noise=Drift()))
+        == "PinocchioPlant('two_link', t = 0 s, Drift)"
+    )

@@ -15,9 +15,9 @@ import umsgpack
 from meshcat import geometry as draw
 from meshcat.animation import Animation
 
-from eladapt.display.meshes import drawn
 from eladapt.errors import ArgumentError
 from eladapt.robot.model import Robot
+from eladapt.viewing.meshes import drawn
 
 GHOST_COLOUR, TRAIL_COLOUR, LOAD_COLOUR, TRUE_LOAD_COLOUR = 0xE8862A, 0x1F5FBF, 0x2F8F4E, 0x20262E
 FIELD_OF_VIEW = 40.0  # [deg] vertical

@@ -17,14 +17,14 @@ import numpy as np
 from meshcat import geometry as draw
 from meshcat.animation import Animation
 
-from eladapt.display import loads
-from eladapt.display.live import LiveView
-from eladapt.display.page import LOOPBACK, PageServer, filled
-from eladapt.display.scene import TRAIL_COLOUR, Scene, camera_for, motion_of, visuals_of
 from eladapt.errors import ArgumentError, require_number
 from eladapt.files import atomic_write
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
+from eladapt.viewing import loads
+from eladapt.viewing.live import LiveView
+from eladapt.viewing.page import LOOPBACK, PageServer, filled
+from eladapt.viewing.scene import TRAIL_COLOUR, Scene, camera_for, motion_of, visuals_of
 
 FRAMES_PER_SECOND = 30
 MOST_FRAMES = 3000  # of one animation; a longer motion gets fewer frames a second

@@ -9,9 +9,9 @@ import numpy as np
 from meshcat import geometry as draw
 from meshcat.animation import Animation
 
-from eladapt.display.scene import LOAD_COLOUR, TRUE_LOAD_COLOUR, Motion, Scene
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
+from eladapt.viewing.scene import LOAD_COLOUR, TRUE_LOAD_COLOUR, Motion, Scene
 
 DENSITY = 2000.0  # [kg/m^3] of the balls, that of stone: 2 kg make a ball of 0.12 m
 WIRES = 1.04  # the true ball's radius by its mass: wires just outside an estimate that is right
@@ -53,8 +53,9 @@ def loads_of(record: Record, robot: Robot, motion: Motion, times: np.ndarray) ->
     name = (true or {}).get("frame") or robot.tool
     frame = robot.model.frames[robot.model.getFrameId(name)]
     places = motion.joints[:, frame.parentJoint] @ frame.placement.homogeneous
-    rows = np.clip(np.searchsorted(record.carried[:, 0], times + record.t[0], side="right") - 1, 0, None)
-    found = [credible(row[1], row[2:5], row[5]) for row in record.carried[rows]]
+    nothing = np.array([[0.0, 0, 0, 0, 0, 1.0]])  # before the first estimate
+    rows = np.searchsorted(record.carried[:, 0], times + record.t[0], side="right")
+    found = [credible(row[1], row[2:5], row[5]) for row in np.vstack([nothing, record.carried])[rows]]
     centre = _moved(places, np.array([centre for _, centre in found]))
     radius = np.array([radius_of(mass) for mass, _ in found])
     if true is None:

@@ -1,6 +1,6 @@
 """The process behind `LiveView`: newest posture in, MeshCat's commands out to every browser, on loopback.
 
-Started as ``python -m eladapt.display.live_server FD`` with one line of JSON on stdin; it answers with one
+Started as ``python -m eladapt.viewing.live_server FD`` with one line of JSON on stdin; it answers with one
 line on stdout, and ends when stdin does, that is with the process that started it.
 """
 
@@ -20,12 +20,12 @@ import pinocchio as pin
 from meshcat import geometry as draw
 from tornado import httpserver, netutil, web, websocket
 
-from eladapt.display import loads
-from eladapt.display.live import FRAMES_PER_SECOND, HEAD
-from eladapt.display.page import LOOPBACK, filled
-from eladapt.display.scene import TRAIL_COLOUR, Scene, camera_for, motion_of, tip_of, visuals_of
 from eladapt.errors import EladaptError
 from eladapt.robot.model import Robot
+from eladapt.viewing import loads
+from eladapt.viewing.live import FRAMES_PER_SECOND, HEAD
+from eladapt.viewing.page import LOOPBACK, filled
+from eladapt.viewing.scene import TRAIL_COLOUR, Scene, camera_for, motion_of, tip_of, visuals_of
 
 MOST_POINTS = 2000  # of the tool's path; then every other one goes
 PATH_PERIOD = 12  # frames between two drawings of the path

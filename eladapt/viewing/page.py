@@ -14,8 +14,8 @@ from typing import Any
 
 import meshcat
 
-from eladapt.display.scene import Scene
 from eladapt.errors import ArgumentError
+from eladapt.viewing.scene import Scene
 
 LOOPBACK = "127.0.0.1"
 VIEWER_CODE = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"

@@ -25,7 +25,7 @@ FRAMES_PER_SECOND = 60
 LOADS_PER_SECOND = 5  # an estimate of the load takes 0.5 ms on the panda, so it is made seldom
 STARTUP = 60.0  # [s] for the server to read the robot's meshes
 HEAD = 6  # t, mass, centre (3) and misfit of the load, before q and the goal in a message
-SERVER = "eladapt.display.live_server"
+SERVER = "eladapt.viewing.live_server"
 
 
 class LiveView:

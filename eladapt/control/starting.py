@@ -1,0 +1,37 @@
+"""Where the parameters of a controller start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eladapt.errors import ArgumentError, UnknownNameError, require_vector
+from eladapt.regressors.regressors import Regressors
+
+
+def starting_parameters(
+    theta0: str | Sequence[float] | np.ndarray | None, regressors: Regressors, default: str = "zero"
+) -> np.ndarray:
+    """(l,) the whole theta to begin with.
+
+    theta0: "urdf", the URDF's values; "zero"; all l of them; or the n_potential gravity parameters, the rest
+    being that of ``default``, which also holds where theta0 is None. Raises UnknownNameError for another
+    name, ArgumentError for another length or numbers that are not finite.
+    """
+    size, j = len(regressors), regressors.n_potential
+    if theta0 is None or isinstance(theta0, str):
+        name = default if theta0 is None else theta0
+        if name not in ("urdf", "zero"):
+            raise UnknownNameError("theta0", [name], ("urdf", "zero"))
+        return np.array(regressors.theta) if name == "urdf" else np.zeros(size)
+    if np.shape(theta0) not in ((size,), (j,)):
+        raise ArgumentError(
+            f'theta0: expected "urdf", "zero", the whole theta ({size},) or theta_U ({j},), '
+            f"got shape {np.shape(theta0)}"
+        )
+    if len(theta0) == j != size:
+        start = starting_parameters(default, regressors)
+        start[size - j :] = require_vector("theta0", theta0, j)
+        return start
+    return np.array(require_vector("theta0", theta0, size))

@@ -1,0 +1,145 @@
+"""Collects what happens while a run goes on, and makes the record of it.
+
+A controller says what is kept of it, `Controller.recorded` at every sample and `Controller.reviewed` 30 times
+a second, by these names:
+
+========================= ======= ======================================================================
+parameters                (l,)    the estimate, in the order of its labels
+theta                     (j,)    the last block of it, gravity's
+delta, zeta,              (k,)    Delta, its gate zeta_1 and the gate's integral [s], where the law has
+zeta_integral                     such numbers; k = 1, or one a direction
+level                     ()      smallest eigenvalue of what was accumulated
+innovation                ()      what the last regression said that nothing before it had
+excitation (reviewed)     (j,)    how much of gravity is known: eigenvalues in [0, 1]
+carried (reviewed)        (5,)    the load's mass [kg], its centre [m], and the misfit
+========================= ======= ======================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.records.description import describe, describe_plant, versions
+from eladapt.records.record import Record
+from eladapt.robot.model import Robot
+from eladapt.robot.protocols import BareController, recorded_by, truth_of
+from eladapt.signals import Reference
+
+SAMPLED = ("parameters", "theta", "delta", "zeta", "zeta_integral", "level", "innovation")
+REVIEWED = ("excitation", "carried")
+REVIEW_PERIOD = 1 / 30  # [s] as often as it is drawn
+
+
+class Recorder:
+    """Collects samples; `record` can be called at any time. plant: None where nothing is known of it."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        controller: BareController,
+        dt: float,
+        capacity: int,
+        title: str,
+        plant: Any = None,
+    ):
+        self.robot, self.controller, self.dt, self.title = robot, controller, dt, title
+        self.plant, self.count, self.capacity = plant, 0, capacity
+        self._recorded = recorded_by(controller)
+        self._columns: dict[str, np.ndarray] = {}
+        self._state: Any = None
+        self._kept: list[tuple[float, Any]] = []  # states that are reviewed afterwards
+
+    def add(
+        self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: Reference, state: Any
+    ) -> None:
+        """One sample: t [s], q (nq,), v and tau (nv,), the goal, and the controller's state after it."""
+        sample: dict[str, Any] = {
+            "t": t, "q": q, "v": v, "tau": tau, "error": _error(self.robot, goal.q, q),
+            "goal": goal.q, "goal_velocity": goal.v, "goal_acceleration": goal.a,
+            **_named(self._recorded.recorded(state), SAMPLED, "recorded"),
+        }  # fmt: skip
+        self._state = state
+        if not self._kept or t - self._kept[-1][0] >= REVIEW_PERIOD - self.dt / 2:
+            self._kept.append((t, state))
+        for name, value in sample.items():
+            if name not in self._columns:
+                self._columns[name] = np.full((self.capacity, *np.shape(value)), np.nan)
+            self._columns[name][self.count] = value
+        self.count += 1
+
+    def record(self) -> Record:
+        """All that was added so far."""
+        columns = {name: column[: self.count].copy() for name, column in self._columns.items()}
+        for name in ("goal_velocity", "goal_acceleration"):
+            if not columns[name].any():  # the goal stood still
+                del columns[name]
+        theta = columns.pop("theta", np.zeros((self.count, 0)))
+        columns.setdefault("parameters", theta)
+        size = columns["parameters"].shape[1]
+        true, course = self._truth(columns["t"], size)
+        reviewed = self._reviewed()
+        return Record(
+            **columns, n_potential=theta.shape[1], parameters_true=true, parameters_true_course=course,
+            excitation=reviewed.get("excitation"), carried=reviewed.get("carried"),
+            final_state=self._state, effort_limit=self.robot.effort_limit,
+            velocity_limit=self.robot.velocity_limit, dt=self.dt, joint_names=self.robot.joint_names,
+            parameter_labels=self._labels(size), robot_source=self.robot.source,
+            title=self.title or self.robot.name,
+            configuration={
+                "controller": describe(self.controller),
+                "plant": describe_plant(self.plant),
+                "versions": versions(),
+            },
+        )  # fmt: skip
+
+    def _labels(self, size: int) -> tuple[str, ...]:
+        labels = tuple(self._recorded.labels)
+        if len(labels) != size:
+            raise ArgumentError(
+                f"labels: expected {size}, one a recorded parameter, got {len(labels)} of "
+                f"{type(self.controller).__name__}"
+            )
+        return labels
+
+    def _truth(self, t: np.ndarray, size: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """What the parameters should be at the end (l,), and at t (N,) where a load changes it (N, l)."""
+        known, load = truth_of(self.plant)
+        bare = self._recorded.true_parameters(self.robot.model) if known and size else None
+        if bare is None or load is None:
+            return bare, None
+        loaded = self._recorded.true_parameters(load.loaded(self.robot))
+        if loaded is None:
+            return None, None
+        held = np.array([load.held(time) for time in t])
+        course = np.where(held[:, None], loaded, bare)
+        return course[-1].copy(), course
+
+    def _reviewed(self) -> dict[str, np.ndarray]:
+        """(m, 1 + n) of each name: t [s] and the values, where the controller gave any."""
+        load = truth_of(self.plant).load
+        frame = None if load is None else load.frame or self.robot.tool
+        rows: dict[str, list[np.ndarray]] = {}
+        for t, state in self._kept:
+            found = _named(self._recorded.reviewed(state, frame), REVIEWED, "reviewed")
+            for name, values in found.items():
+                rows.setdefault(name, []).append(np.array([t, *values]))
+        return {name: np.array(some) for name, some in rows.items()}
+
+
+def _named(given: Mapping[str, np.ndarray], legal: tuple[str, ...], where: str) -> Mapping[str, np.ndarray]:
+    """What a controller gave. Raises UnknownNameError for what no record holds."""
+    if unknown := [name for name in given if name not in legal]:
+        raise UnknownNameError(f"entry of {where}", unknown, legal)
+    return given
+
+
+def _error(robot: Robot, goal: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """e1 = q - q_d; nan where a sensor's failure left nothing to subtract."""
+    try:
+        return robot.difference(goal, q)
+    except ArgumentError:
+        return np.full(robot.nv, np.nan)
