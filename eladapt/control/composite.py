@@ -259,9 +259,9 @@ class CompositeController:
         theta = self.mixing.follow(self.law, information, theta, state.n_potential, dt)
         disturbance = state.disturbance
         if self.disturbance and disturbance is not None:
-            residual = self._unexplained(state, measurement, regressor, dt)
+            residual, friction = self._unexplained(state, measurement, regressor, dt)
             still = e2 == measurement.v
-            disturbance = self.disturbance.step(disturbance, residual, e1, measurement.v, still, dt)
+            disturbance = self.disturbance.step(disturbance, residual, friction, e1, measurement.v, still, dt)
         return ControllerState(
             measurement, self.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
             information, change, disturbance,
@@ -283,13 +283,15 @@ class CompositeController:
 
     def _unexplained(
         self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, dt: float
-    ) -> np.ndarray:
-        """(nv,) [N m] the torque that acted less W(q, v, a) theta, with the friction that is fed forward."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(nv,) [N m] the torque that acted less W(q, v, a) theta, with the friction that is fed forward; and
+        the friction at v."""
         _, q, v, tau = measurement
         moved = self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
-        friction = self.regressors.friction
-        moved[:, friction] = regressor[:, friction]
-        return tau - moved @ state.parameters
+        columns = self.regressors.friction
+        friction = moved[:, columns] @ state.parameters[columns]
+        moved[:, columns] = regressor[:, columns]
+        return tau - moved @ state.parameters, friction
 
 
 def _snapshot(state: ControllerState) -> Snapshot:

@@ -21,8 +21,8 @@ class DisturbanceEstimate:
     a joint that sticks nothing moves, and d integrates the control law's torque until it breaks loose; a
     joint that rests within ``tolerance`` of its goal holds its d, or it would hunt about it.
 
-    limit (nv,) [N m]: largest d of a joint that creeps or rests; moving (nv,) [N m]: of a faster one, which
-    it could throw. memory (nv,) [s] of the low-pass: velocity noise s costs about M s / memory [N m].
+    limit (nv,) [N m]: largest d, beyond what overcomes the friction that is known, of a joint that creeps or
+    rests; moving (nv,) [N m]: of a faster one, which it could throw. memory (nv,) [s] of the low-pass: velocity noise s costs about M s / memory [N m].
     tolerance [rad], slow [rad/s]: within which a joint has arrived.
     """
 
@@ -46,14 +46,15 @@ class DisturbanceEstimate:
         return np.zeros(nv)
 
     def step(
-        self, d: np.ndarray, residual: np.ndarray, e1: np.ndarray, v: np.ndarray, still: np.ndarray, dt: float
-    ) -> np.ndarray:
+        self, d: np.ndarray, residual: np.ndarray, friction: np.ndarray, e1: np.ndarray, v: np.ndarray,
+        still: np.ndarray, dt: float,
+    ) -> np.ndarray:  # fmt: skip
         """d (nv,) [N m] after a step of dt [s].
 
-        residual (nv,) [N m]: torque less model over the step; e1 (nv,) [rad]; v (nv,) [rad/s]; still (nv,):
-        which joints are to stand still.
+        residual (nv,) [N m]: torque less model over the step; friction (nv,) [N m]: of the model, at v; e1
+        (nv,) [rad]; v (nv,) [rad/s]; still (nv,): which joints are to stand still.
         """
         arrived = still & (np.abs(v) < self.slow) & (np.abs(e1) < self.tolerance)
         d = np.where(arrived, d, d - np.expm1(-dt / self.memory) * (residual - d))
         limit = np.where(np.abs(v) < CREEPING, self.limit, np.minimum(self.limit, self.moving))
-        return np.minimum(np.maximum(d, -limit), limit)
+        return np.minimum(np.maximum(d, np.minimum(friction, 0.0) - limit), np.maximum(friction, 0.0) + limit)

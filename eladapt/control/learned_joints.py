@@ -15,6 +15,9 @@ from eladapt.regressors.regressors import Regressors
 # parameter being this much less ready to change than a rotor inertia.
 BODY_EASE = 1e-3
 SURE = 10.0  # an inertia counts as far as the data tell more than nine tenths of it
+# Where friction c is all that resists, u = s c (w - v) over a step leaves v <- s (w - v), e <- e + dt v with w =
+# -e/H: stable for s < 2 / (2 + dt/H), 0.72 at H = 1.3 dt. Half of that leaves room for a rotor taken for 0.
+VISCOUS_SHARE = 0.3
 DEVIATIONS = 3.0  # by how many standard deviations the residual must leave it above zero
 
 
@@ -24,8 +27,8 @@ class LearnedJoints:
 
     The control law's torque near rest is M (e / H^2 + v / H): with an M that is many times too small it is
     slack and swings, with one that is many times too large it chatters. So an inertia counts once it is
-    known. Over a horizon H a change of velocity is resisted by viscous friction c as by an inertia of c H:
-    without it the law is slack in a joint whose gear resists more than its link.
+    known. Over a horizon H a change of velocity is resisted by viscous friction c as by an inertia of c H,
+    of which a share counts: without it the law is slack in a joint whose gear resists more than its link.
 
     largest (nv,) [kg m^2]: no rotor is taken for larger. horizon (nv,) [s]: of the control law. alpha [1/s],
     pole [1/s]: of the estimator, for the scatter.
@@ -57,7 +60,7 @@ class LearnedJoints:
         spread = np.sqrt(scatter * doubt * self._square)  # type: ignore[attr-defined]
         known = change * np.maximum(0.0, 1 - SURE * doubt) - DEVIATIONS * spread
         rotor, viscous = np.maximum(known[:nv], 0.0), np.maximum(known[nv:], 0.0)
-        return np.minimum(rotor, self.largest) + self.horizon * viscous
+        return np.minimum(rotor, self.largest) + VISCOUS_SHARE * self.horizon * viscous
 
     def _viscous_rows(self) -> np.ndarray:
         """(nv, l): viscous coefficients that a change of theta makes."""

@@ -24,8 +24,8 @@ MARGIN = 2.0  # by which the delay stays below that: a plant lighter than its UR
 # A first-order lag T in the velocity alone never makes that PD unstable (Routh); at H = 2 T it keeps a third
 # of critical damping.
 LAG_MARGIN = 2.0
-# Of an effort limit: standard deviation of the torque that noise makes through M/H and M/H^2.
-NOISE_SHARE = 0.004
+# Standard deviation of the torque that noise makes through M/H and M/H^2: of an effort limit, and [N m].
+NOISE_SHARE, MOST_NOISE = 0.004, 0.33
 FLOOR_DEVIATIONS = 3.0  # rows no longer than this many standard deviations of their noise are noise
 NOISES = ("position_noise", "velocity_noise")
 
@@ -63,7 +63,7 @@ def choose_horizon(
     """H (nv,) [s], its rule and what was active; inertia max M_ii and limit, the effort limit, (nv,)."""
     late = MARGIN / DELAY_MARGIN * (hardware.delay + dt / 2) if hardware.delay else 0.0
     lag = LAG_MARGIN * hardware.velocity_lag
-    allowed = inertia / (NOISE_SHARE * limit)
+    allowed = inertia / np.minimum(NOISE_SHARE * limit, MOST_NOISE)
     # Half a step more than the step itself leaves a law room for an inertia that it takes for 1.5 times too
     # large.
     choices = {
@@ -79,7 +79,7 @@ def choose_horizon(
     active = ", ".join(dict.fromkeys(names[k] for k in longest))
     rule = (
         f"max(1.3 dt, {MARGIN / DELAY_MARGIN:.1f} (delay + dt/2) + {LAG_MARGIN:g} lag, "
-        f"max M s_v / ({NOISE_SHARE:g} effort), max sqrt(M s_q / ({NOISE_SHARE:g} effort))): "
+        f"max M s_v / f, max sqrt(M s_q / f)), f = min({NOISE_SHARE:g} effort, {MOST_NOISE:g} N m): "
         "the law's slopes near rest are M/H and M/H^2"
     )
     return np.max(list(choices.values()), axis=0), rule, active
