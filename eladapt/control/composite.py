@@ -46,7 +46,8 @@ class CompositeController:
     clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped. detector:
     notices a load that comes or goes; filters and information then start afresh, and the estimate goes on
     from where it was. disturbance: feeds forward what the model does not explain. gains: which rule set each
-    gain, where `for_robot` did. nominal_dt [s]: the step that the gains were made for, None if any will do.
+    gain, where `for_robot` did. rest_speed [rad/s]: a joint that is slower feeds no direct term, which would
+    integrate noise and stiction as long as the arm rests; what pushes it is the disturbance's. nominal_dt [s]: the step that the gains were made for, None if any will do.
     """
 
     regressors: Regressors
@@ -60,6 +61,7 @@ class CompositeController:
     detector: ChangeDetector | None = None
     disturbance: DisturbanceEstimate | None = None
     gains: Gains | None = None
+    rest_speed: float = 0.0
     nominal_dt: float | None = None
 
     def __post_init__(self) -> None:
@@ -134,6 +136,7 @@ class CompositeController:
                 gains.still_speed,
             ),
             gains=gains,
+            rest_speed=gains.stiction_speed,
             nominal_dt=dt,
         )
 
@@ -271,12 +274,13 @@ class CompositeController:
         self, theta: np.ndarray, regressor: np.ndarray, measurement: Measurement, e1: np.ndarray,
         e2: np.ndarray, dt: float,
     ) -> np.ndarray:  # fmt: skip
-        """The direct term, in the joints whose torque is not clipped, and for all of theta but friction.
+        """The direct term, in the joints that move and whose torque is not clipped, and for all of theta but
+        friction.
 
         A joint that moves one way cannot tell its offset from its Coulomb friction: the indirect term keeps
         their sum, and the direct one would drive them apart without end.
         """
-        free = np.abs(measurement.tau) < self.effort_limit
+        free = (np.abs(measurement.tau) < self.effort_limit) & (np.abs(measurement.v) >= self.rest_speed)
         bodies = regressor.copy()
         bodies[:, self.regressors.friction] = 0.0
         return self.law.descend(theta, bodies, free * e1, free * e2, dt)

@@ -44,7 +44,8 @@ class ChangeDetector:
     """A change is an innovation above ``least`` and above ``factor`` times its quiet RMS.
 
     least: in units of weighted rows, 0.01 of an effort limit with derived gains (0.9 N m on a Panda's
-    shoulder). memory [s]: over which the quiet RMS is taken. pause [s]: least time between changes.
+    shoulder). memory [s]: over which the quiet RMS is taken. pause [s]: least time between changes, and
+    from the start to the first.
     margin [s]: what was learned so shortly before a change was noticed (a load that comes slowly takes
     10 ms) may have been learned of the changed arm, and is not used as what was known before.
 
@@ -84,7 +85,8 @@ class ChangeDetector:
         if square > self.least**2:
             square = surprise(before.information, regression, before.parameters)
         limit = max(self.least**2, self.factor**2 * change.level)
-        if square > limit and t - change.t > self.pause:
+        since = change.t if change.noticed else change.before.t
+        if square > limit and t - since > self.pause:
             now = before._replace(t=t)
             return Change(change.noticed + 1, t, change.level, change.trusted, now, now)
         level = change.level + min(1.0, dt / self.memory) * (min(square, limit) - change.level)

@@ -33,7 +33,7 @@ def test_a_constant_push_is_found_with_the_memory_as_time_constant():
         block = DisturbanceEstimate(10.0, memory=0.1)
         d = block.init(2)
         for k in range(1, round(1 / dt) + 1):
-            d = block.step(d, push, np.ones(2), moving, np.zeros(2, bool), dt)
+            d = block.step(d, push, np.zeros(2), np.ones(2), moving, np.zeros(2, bool), dt)
             if k == round(0.1 / dt):
                 np.testing.assert_allclose(d, (1 - np.exp(-1)) * push, rtol=1e-12)
         np.testing.assert_allclose(d, push, rtol=1e-4)  # e^-10
@@ -45,7 +45,7 @@ def test_a_joint_that_has_arrived_keeps_what_holds_it():
     d, residual = np.full(4, 2.0), np.zeros(4)
     e1, v = np.array([5e-5, 5e-4, 5e-5, 5e-5]), np.array([5e-4, 5e-4, 5e-3, 5e-4])
     still = np.array([True, True, True, False])
-    kept = block.step(d, residual, e1, v, still, DT)
+    kept = block.step(d, residual, np.zeros(4), e1, v, still, DT)
     assert kept[0] == 2.0
     assert np.all(kept[1:] < 2.0)
 
@@ -54,8 +54,17 @@ def test_a_fast_joint_is_not_thrown():
     """A joint that creeps may wind up to its limit, a fast one to what its inertia can take."""
     block = DisturbanceEstimate(10.0, moving=0.5)
     v = np.array([0.5 * CREEPING, 2 * CREEPING])
-    d = block.step(np.zeros(2), np.full(2, 1e3), np.ones(2), v, np.zeros(2, bool), 1.0)
+    d = block.step(np.zeros(2), np.full(2, 1e3), np.zeros(2), np.ones(2), v, np.zeros(2, bool), 1.0)
     np.testing.assert_array_equal(d, [10.0, 0.5])
+
+
+def test_known_friction_is_overcome_and_no_more():
+    """Beyond its limit a fast joint's d may reach as far as the friction against it, not that behind it."""
+    block = DisturbanceEstimate(10.0, moving=0.5)
+    v, friction = np.array([2.0, -2.0]) * CREEPING, np.array([3.0, -3.0])
+    for push, expected in ((1e3, [3.5, 0.5]), (-1e3, [-0.5, -3.5])):
+        d = block.step(np.zeros(2), np.full(2, push), friction, np.ones(2), v, np.zeros(2, bool), 1.0)
+        np.testing.assert_array_equal(d, expected)
 
 
 def test_friction_is_overcome():
@@ -103,7 +112,7 @@ def test_memory_follows_the_horizon():
 @pytest.mark.parametrize(
     ("options", "said"),
     [({"limit": -1}, "limit"), ({"limit": 1, "memory": 0}, "memory"), ({"limit": 1, "moving": 0}, "moving"),
-     ({"limit": 1, "tolerance": np.nan}, "tolerance"), ({"limit": 1, "slow": 0}, "slow")],
+     ({"limit": 1, "tolerance": np.nan}, "tolerance"), ({"limit": 1, "slow": -1}, "slow")],
 )  # fmt: skip
 def test_what_makes_no_sense_is_refused(options, said):
     with pytest.raises(ArgumentError, match=said):

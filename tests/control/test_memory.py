@@ -13,12 +13,11 @@ WINDOWS, STEPS = 4, 250
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [{}, {"friction": True}], ids=["plain", "friction"])
-def test_steps_leave_nothing_behind(options):
+def test_steps_leave_nothing_behind():
     """In a noisy loop whose set-point changes there are 250 steps over which memory grows by less than 8
     bytes a step: one float kept of each would be 24, always. A change that is noticed keeps arrays, once."""
     robot = load("panda")
-    controller = ea.CompositeController.for_robot(robot, velocity_noise=1e-3, **options)
+    controller = ea.CompositeController.for_robot(robot, velocity_noise=1e-3)
     plant = ea.PinocchioPlant(
         robot, robot.configuration(robot.home), noise=ea.Noise(1e-5, 1e-3), payload=ea.Payload(2, attach=0.3)
     )
