@@ -12,7 +12,7 @@ import argparse
 import dataclasses
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from table import write
@@ -45,7 +45,9 @@ class Arm:
     """A plant under its controller."""
 
     def __init__(self, told: bool, comes: float, seed: int = 0):
-        known = {"position_noise": NOISE.position, "velocity_noise": NOISE.velocity} if told else {}
+        known: dict[str, Any] = {}
+        if told:
+            known = {"position_noise": NOISE.position, "velocity_noise": NOISE.velocity}
         self.told, self.robot = told, ea.Robot.load("panda")
         self.controller = ea.CompositeController.for_robot(self.robot, DT, **known)
         self.places = [
@@ -103,7 +105,7 @@ def run(job: tuple[bool, float]) -> list[Stretch]:
     found = [arm.follow("a move, after learning", lambda t: there, MOVE)]
     arm.follow("back", lambda t: home, MOVE)
     for what, goal in (("rest", lambda t: home), ("sway", arm.sway)):
-        found.append(arm.follow(what, goal, hour))  # type: ignore[arg-type]
+        found.append(arm.follow(what, goal, hour))
         found.append(arm.follow(f"the same move, after {what}", lambda t: there, MOVE))
         arm.follow("back", lambda t: home, MOVE)
     arm.follow("loaded", lambda t: home, 1.0)
@@ -133,9 +135,9 @@ def main() -> None:
     ]  # fmt: skip
     notes = (
         f"Panda at 1 kHz with {FIRST:g} kg at {COM} m of its tool frame from the start, noise of "
-        f"{NOISE.position:g} rad and {NOISE.velocity:g} rad/s. Hours of {options.hour:g} s; moves of {MOVE:g} s; "
-        f"{SWAY:g} rad at {FREQUENCY:g} Hz of joint {JOINT + 1}. Gravity over {POSTURES} random postures, once a "
-        "minute and at the end; errors of the true state."
+        f"{NOISE.position:g} rad and {NOISE.velocity:g} rad/s. Hours of {options.hour:g} s; moves of "
+        f"{MOVE:g} s; {SWAY:g} rad at {FREQUENCY:g} Hz of joint {JOINT + 1}. Gravity over {POSTURES} random "
+        "postures, once a minute and at the end; errors of the true state."
     )
     write(options.output, "An hour at rest in noise, and an hour of one joint swaying", head, rows, notes)
 

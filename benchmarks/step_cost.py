@@ -221,9 +221,9 @@ def main() -> None:
     if options.before:
         head += ["0.1.0, numpy [us]", "0.1.0, compiled [us]"]
     notes = (
-        "Medians over 100 states of a swing of all joints, which the controller follows with the whole theta. "
-        "Asked: step / floor at most 2.5 on two_link, 1.8 on panda, 1.6 on 14 joints; at most 1 step in 1,000 "
-        "above 1 ms. "
+        "Medians over 100 states of a swing of all joints, which the controller follows with the whole "
+        "theta. Asked: step / floor at most 2.5 on two_link, 1.8 on panda, 1.6 on 14 joints; at most 1 step "
+        "in 1,000 above 1 ms. "
         "Version 0.1.0 learned gravity alone, at a set-point; it was timed in the same run."
     )
     write("step_cost", "What a controller step costs", head, rows, notes)

@@ -75,7 +75,7 @@ def _limits(robot: Robot) -> None:
     print("rad, rad/s, N m (m, m/s, N of sliding joints); inf: the URDF sets none")
     if robot.damping.any() or robot.friction.any():
         print(
-            "the URDF has joint damping or friction, which the controller starts from; --plant mujoco applies it"
+            "the URDF has joint damping or friction: the controller starts from it, --plant mujoco applies it"
         )
 
 

@@ -47,7 +47,8 @@ class CompositeController:
     notices a load that comes or goes; filters and information then start afresh, and the estimate goes on
     from where it was. disturbance: feeds forward what the model does not explain. gains: which rule set each
     gain, where `for_robot` did. rest_speed [rad/s]: a joint that is slower feeds no direct term, which would
-    integrate noise and stiction as long as the arm rests; what pushes it is the disturbance's. nominal_dt [s]: the step that the gains were made for, None if any will do.
+    integrate noise and stiction as long as the arm rests; what pushes it is the disturbance's. nominal_dt
+    [s]: the step that the gains were made for, None if any will do.
     """
 
     regressors: Regressors

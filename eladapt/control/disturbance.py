@@ -22,8 +22,9 @@ class DisturbanceEstimate:
     joint that rests within ``tolerance`` of its goal holds its d, or it would hunt about it.
 
     limit (nv,) [N m]: largest d, beyond what overcomes the friction that is known, of a joint that creeps or
-    rests; moving (nv,) [N m]: of a faster one, which it could throw. memory (nv,) [s] of the low-pass: velocity noise s costs about M s / memory [N m].
-    tolerance [rad], slow [rad/s]: within which a joint has arrived.
+    rests; moving (nv,) [N m]: of a faster one, which it could throw. memory (nv,) [s] of the low-pass:
+    velocity noise s costs about M s / memory [N m]. tolerance [rad], slow [rad/s]: within which a joint has
+    arrived.
     """
 
     limit: np.ndarray | float

@@ -1,4 +1,4 @@
-"""What theta tells of rotors and viscous friction, for the control law's M(q): a URDF says nothing of them."""
+"""What theta tells of rotors and viscous friction, for the control law's M(q)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from eladapt.regressors.regressors import Regressors
 # parameter being this much less ready to change than a rotor inertia.
 BODY_EASE = 1e-3
 SURE = 10.0  # an inertia counts as far as the data tell more than nine tenths of it
-# Where friction c is all that resists, u = s c (w - v) over a step leaves v <- s (w - v), e <- e + dt v with w =
-# -e/H: stable for s < 2 / (2 + dt/H), 0.72 at H = 1.3 dt. Half of that leaves room for a rotor taken for 0.
+# Where friction c is all that resists, u = s c (w - v) over a step leaves v <- s (w - v), e <- e + dt v with
+# w = -e/H: stable for s < 2 / (2 + dt/H), 0.72 at H = 1.3 dt. Half of that, for a rotor that is none.
 VISCOUS_SHARE = 0.3
 DEVIATIONS = 3.0  # by how many standard deviations the residual must leave it above zero
 

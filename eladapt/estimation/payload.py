@@ -78,8 +78,8 @@ def estimate_payload(
     """Mass and centre of mass of a load, by weighted least squares on the change of theta_U.
 
     theta_before, theta_after: the whole theta (l,), or theta_U (n_potential,), without and with the load.
-    frame: in which the
-    centre of mass is wanted, and on which body the load hangs; the robot's tool if None.
+    frame: in which the centre of mass is wanted, and on which body the load hangs; the robot's tool if
+    None.
 
     information: what was seen since the load came; its bottom block T_UU theta_U = t_U is the weight, so
     that directions which were not excited do not count. It must have been started afresh when the load
