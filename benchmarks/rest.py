@@ -26,7 +26,7 @@ NOISE = ea.Noise(1e-4, 1e-3)
 FIRST, COM = 2.0, (0.0, 0.0, 0.05)  # [kg] from the start, [m] in the tool frame
 SECOND = 1.0  # [kg] that come after the hours
 POSTURES, MINUTE = 50, 60.0
-MOVE, MOVES = 4.0, 4  # [s], and how many of them teach the arm
+MOVE, MOVES = 4.0, 8  # [s], and how many of them teach the arm
 JOINT, SWAY, FREQUENCY = 3, 0.25, 0.3  # which joint sways, [rad], [Hz]
 
 
@@ -50,16 +50,14 @@ class Arm:
             known = {"position_noise": NOISE.position, "velocity_noise": NOISE.velocity}
         self.told, self.robot = told, ea.Robot.load("panda")
         self.controller = ea.CompositeController.for_robot(self.robot, DT, **known)
-        self.places = [
-            self.robot.configuration(x)
-            for x in (self.robot.home, self.robot.target, self.robot.home + 0.6, self.robot.target - 0.5)
-        ]
+        rng = np.random.default_rng(seed)
+        known_places = [self.robot.configuration(x) for x in (self.robot.home, self.robot.target)]
+        self.places = [*known_places, *(self.robot.random_configuration(rng) for _ in range(MOVES - 1))]
         self.loaded = dataclasses.replace(self.robot, model=ea.Payload(FIRST, COM).loaded(self.robot))
         second = ea.Payload(SECOND, COM, attach=comes)
         self.plant = ea.PinocchioPlant(self.loaded, self.places[0], payload=second, noise=NOISE, seed=seed)
         self.measurement = self.plant.reset()
         self.state = self.controller.init(self.measurement)
-        rng = np.random.default_rng(seed)
         self.postures = [self.robot.random_configuration(rng) for _ in range(POSTURES)]
 
     def follow(self, what: str, goal: Callable[[float], Goal], duration: float) -> Stretch:

@@ -29,6 +29,7 @@ LEAST_ROTOR_ACCELERATION, ASSUMED_ROTOR_ACCELERATION = 50.0, 400.0
 LEAST_STIFFNESS = (
     0.3  # of the effort limit: friction of some parts of it must not hold a joint far from its goal
 )
+LEAST_SLIDING = 5e-3  # [rad/s]: five times a velocity noise that nobody told
 MOST_PUSH = 1000.0  # [rad/s^2] by which a disturbance estimate may throw a link that has no rotor
 IDEAL = Hardware()
 LEAST_PRIOR, PRIOR_OF_NOISE = 1e-10, 0.01
@@ -228,7 +229,9 @@ def derive_gains(
     )  # fmt: skip
     noisy_speed = float(np.max(hardware.velocity_noise))
     stiction_speed = settle(
-        "stiction_speed", max(1e-3, 5 * noisy_speed), "max(1e-3 rad/s, 5 s_v): below it a joint may stick"
+        "stiction_speed",
+        max(LEAST_SLIDING, 5 * noisy_speed),
+        f"max({LEAST_SLIDING:g} rad/s, 5 s_v): below it a joint may stick, or v be noise",
     )
     disturbance_limit = settle(
         "disturbance_limit", np.minimum(0.5 * limit, MOST_PUSH * bodies),

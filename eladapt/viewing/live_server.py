@@ -132,6 +132,7 @@ class _Stream(websocket.WebSocketHandler):
         if self.request.host not in self.settings["hosts"]:
             self.close()
         else:
+            self.behind = True  # of what moved since its page was made
             self.settings["clients"].add(self)
 
     def on_message(self, message: str | bytes) -> None:
