@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from eladapt.compiling import prepare
 from eladapt.control.proximal import ITERATIONS, Solution, signed_power, solve_coupled
 from eladapt.errors import ArgumentError, require_gain, require_number
 
@@ -47,6 +48,7 @@ class FiniteTimePD:
     horizon: float | np.ndarray | None = None
 
     def __post_init__(self) -> None:
+        prepare()
         object.__setattr__(self, "P", require_gain("P", self.P))
         object.__setattr__(self, "D", require_gain("D", self.D))
         object.__setattr__(self, "D_L", require_gain("D_L", self.D_L, zero=True))

@@ -15,7 +15,8 @@ from math import copysign, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from eladapt.compiling import COUNT, MATRIX, SCALAR, VECTOR, kernel
 
 SCALAR_ITERATIONS = 80  # bisection alone needs no more for double precision; 3 to 8 are typical
 ITERATIONS = 40  # of the coupled problem; 3 to 6 are typical
@@ -49,7 +50,7 @@ def signed_power(x: np.ndarray, exponent: float) -> np.ndarray:
     return np.sign(x) * np.abs(x) ** exponent
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def power(x: float, exponent: float) -> float:
     """x^exponent for x >= 0, without the logarithm where there is a shorter way."""
     if exponent == 0.5:
@@ -61,7 +62,7 @@ def power(x: float, exponent: float) -> float:
     return x**exponent
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def solve_scalar(u: float, s: float, spring: float, damper: float, linear: float, a: float, b: float) -> Root:
     """The root for spring A > 0, damper B > 0, linear K > 0 and exponents 0 < a <= b <= 1."""
     at_spring, reach = a < b, inf
@@ -114,7 +115,7 @@ def solve_scalar(u: float, s: float, spring: float, damper: float, linear: float
     return Root(far, near, 1 / slope) if at_spring else Root(near, far, 1 / slope)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def solve_linear(matrix: np.ndarray, x: np.ndarray) -> None:
     """x <- matrix^-1 x in place, by elimination without pivots: diagonally dominant or close to it. The
     matrix is used up."""
@@ -132,7 +133,7 @@ def solve_linear(matrix: np.ndarray, x: np.ndarray) -> None:
         x[j] = total / matrix[j, j]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, VECTOR, COUNT)
 def solve_coupled(
     e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, P: np.ndarray, D: np.ndarray, D_L: np.ndarray,
     a: float, b: float, horizon: np.ndarray, most: int = ITERATIONS,

@@ -10,7 +10,8 @@ from __future__ import annotations
 from math import copysign, inf, sqrt, tanh
 
 import numpy as np
-from numba import njit
+
+from eladapt.compiling import FLAGS, MATRIX, SCALAR, VECTOR, kernel
 
 TINY = 1e-300
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faster
@@ -18,7 +19,7 @@ SWEEPS = 30  # of Jacobi's rotations over a few rows; 3 to 5 are typical
 ROTATED = 1e-15  # cosine between two rows that counts as orthogonal
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR, SCALAR)
 def path_points(
     points: np.ndarray, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float
 ) -> np.ndarray:
@@ -34,7 +35,7 @@ def path_points(
     return path
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(MATRIX, VECTOR, SCALAR, VECTOR, MATRIX, MATRIX, VECTOR, FLAGS)
 def filter_rows(
     omega: np.ndarray, y: np.ndarray, rho: float, weight: np.ndarray, one: np.ndarray, two: np.ndarray,
     tau: np.ndarray, sliding: np.ndarray,
@@ -52,7 +53,7 @@ def filter_rows(
     return outputs, rows
 
 
-@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+@kernel(fastmath=REORDERED)
 def eliminate(triangle: np.ndarray, rows: np.ndarray, added: int) -> None:
     """The triangle of [T; rows] in place, by Householder reflections; ``rows`` is used up.
 
@@ -88,7 +89,7 @@ def eliminate(triangle: np.ndarray, rows: np.ndarray, added: int) -> None:
                 row[k] -= factor * product[k]
 
 
-@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+@kernel(fastmath=REORDERED)
 def solve_transposed(triangle: np.ndarray, x: np.ndarray) -> float:
     """x <- T'^-1 x in place, and its squared length; not finite where T is singular."""
     n, square = len(x), 0.0
@@ -104,7 +105,7 @@ def solve_transposed(triangle: np.ndarray, x: np.ndarray) -> float:
     return square
 
 
-@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+@kernel(fastmath=REORDERED)
 def solve(triangle: np.ndarray, x: np.ndarray) -> float:
     """x <- T^-1 x in place, and its squared length; not finite where T is singular."""
     n, square = len(x), 0.0
@@ -118,7 +119,7 @@ def solve(triangle: np.ndarray, x: np.ndarray) -> float:
     return square
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(MATRIX, SCALAR, SCALAR, MATRIX, VECTOR)
 def updated(
     triangle: np.ndarray, kept: float, weight: float, omega: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, float]:
@@ -143,7 +144,7 @@ def updated(
     return after, sqrt(grown / weight)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(MATRIX, VECTOR)
 def smallest(triangle: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray]:
     """One step of inverse iteration: (the smallest eigenvalue of T'T, its direction), from ``start`` of unit
     length; (0, start) where T is singular."""
@@ -162,7 +163,7 @@ def smallest(triangle: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray
     return 1 / square, direction
 
 
-@njit(cache=True, error_model="numpy")
+@kernel()
 def orthogonal_rows(rows: np.ndarray) -> None:
     """Rotates rows [Omega | y] among each other, in place, until those of Omega are orthogonal.
 
@@ -210,7 +211,7 @@ def orthogonal_rows(rows: np.ndarray) -> None:
                 into[k] += share * row[k]
 
 
-@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+@kernel(fastmath=REORDERED)
 def forgotten_rows(
     triangle: np.ndarray, prior: float, rows: np.ndarray, share: float, into: np.ndarray
 ) -> None:
@@ -267,7 +268,7 @@ def forgotten_rows(
             into[d, k] *= root
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(MATRIX, SCALAR, MATRIX, VECTOR, SCALAR, SCALAR, SCALAR)
 def subspace_step(
     triangle: np.ndarray, prior: float, omega: np.ndarray, y: np.ndarray, weight: float, share: float,
     floor: float,
@@ -306,7 +307,7 @@ def subspace_step(
     return after, sqrt(grown / weight), counted
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(MATRIX, SCALAR, VECTOR)
 def prediction_error(triangle: np.ndarray, prior: float, theta: np.ndarray) -> np.ndarray:
     """r = Y - Phi theta of (488), Phi = (prior I + R)^-1 R, by three triangular solves, without Phi.
 
@@ -336,7 +337,7 @@ def prediction_error(triangle: np.ndarray, prior: float, theta: np.ndarray) -> n
     return error
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
 def arrived(theta: np.ndarray, error: np.ndarray, rate: float, b: float, dt: float) -> np.ndarray:
     """theta after dt of theta' = rate r / |r|^(1 - b), which arrives at r = 0 and stays."""
     n, square = len(theta), 0.0
@@ -349,7 +350,7 @@ def arrived(theta: np.ndarray, error: np.ndarray, rate: float, b: float, dt: flo
     return after
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(VECTOR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR, VECTOR, SCALAR)
 def direct_term(
     theta: np.ndarray, regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, position: float,
     velocity: float, Gamma: np.ndarray, dt: float,
@@ -365,7 +366,7 @@ def direct_term(
     return after
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(MATRIX, SCALAR, MATRIX)
 def told(triangle: np.ndarray, prior: float, rows: np.ndarray) -> np.ndarray:
     """(m,) from 0 to 1, how much of each combination of parameters, a row (m, l), the data tell: 1 - prior
     c'F c / c'c."""

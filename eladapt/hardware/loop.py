@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from eladapt.compiling import prepare
 from eladapt.errors import ArgumentError, EladaptError, LoopError, require_number
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.records.record import Record
@@ -68,11 +69,10 @@ def run_loop(
     """Regulate a robot for ``duration`` [s], reading and writing once every ``dt`` [s].
 
     goal: q_d (nq,), a `Reference`, or a callable of the time since the start [s], by the robot's clock, that
-    returns either. state: of an earlier
-    run, to go on with what it had learned, also if the robot's clock was set since; None begins afresh. When
-    a gate latches a fault, its fallback goes on for ``after_fault`` [s]. checkpoint: a file to which the
-    state is saved every ``every`` [s] and at the end, for `load_state`; a write takes a millisecond or two.
-    priority: see `undisturbed`.
+    returns either. state: of an earlier run, to go on with what it had learned, also if the robot's clock was
+    set since; None begins afresh. When a gate latches a fault, its fallback goes on for ``after_fault`` [s].
+    checkpoint: a file to which the state is saved every ``every`` [s] and at the end, for `load_state`; a
+    write takes a millisecond or two. priority: see `undisturbed`.
 
     The interface's `stop` is called however the loop ends. Raises LoopError, with record, state and timing so
     far, for whatever the robot, the goal or the controller raises; an interrupt from the keyboard ends the

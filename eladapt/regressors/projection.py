@@ -10,7 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, types
+
+from eladapt.compiling import COUNT, COUNT_MATRIX, COUNTS, MATRIX, SCALAR, VECTOR, VIEW, kernel
 
 
 class Columns(NamedTuple):
@@ -27,15 +28,7 @@ class Columns(NamedTuple):
     width: int  # l
 
 
-VECTOR = types.Array(types.float64, 1, "A", readonly=True)  # any vector, writable or not
-# Declared, so that no call from a control loop meets a kind of array that is yet to be compiled for.
-SIGNATURE = types.float64[:, ::1](
-    types.float64[:, ::1], VECTOR, VECTOR, types.float64,
-    types.int64[:, ::1], types.float64[::1], types.int64[::1], types.float64[:, ::1], types.int64,
-)  # fmt: skip
-
-
-@njit(SIGNATURE, cache=True, error_model="numpy")
+@kernel(MATRIX, VIEW, VIEW, SCALAR, COUNT_MATRIX, VECTOR, COUNTS, MATRIX, COUNT)
 def project(
     bodies: np.ndarray,
     a: np.ndarray,

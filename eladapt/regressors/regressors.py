@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
+from eladapt.compiling import prepare
 from eladapt.errors import ArgumentError, UnknownNameError, require_vector
 from eladapt.regressors import joint_terms as terms
 from eladapt.regressors.base import ROUNDING, ParameterBasis, independent_basis, sample, shared_basis
@@ -59,6 +60,7 @@ class Regressors:
     ):
         if sharing not in ("shared", "independent"):
             raise ArgumentError(f"sharing: expected 'shared' or 'independent', got {sharing!r}")
+        prepare()
         self.robot, self.sharing = robot, sharing
         self.joint_terms = terms.in_order(joint_terms)
         self.viscous, self.coulomb, self.offset = (name in self.joint_terms for name in terms.FRICTION_TERMS)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from eladapt.compiling import prepare
 from eladapt.errors import EladaptError, SimulationError, require_number
 from eladapt.records.record import Record
 from eladapt.records.recorder import Recorder
@@ -40,6 +41,7 @@ def simulate(
     dt = require_number("dt", dt, 0)
     steps = round(require_number("duration", duration, 0) / dt)
     robot = plant.robot
+    prepare()
     goal_at = goal if callable(goal) else (lambda _t: goal)
     given = () if theta0 is None else (theta0,)
     recorder = Recorder(robot, controller, dt, steps + 1, title, plant)
