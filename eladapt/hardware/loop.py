@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eladapt.compiling import prepare
 from eladapt.errors import ArgumentError, EladaptError, LoopError, require_number
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.records.record import Record
