@@ -19,8 +19,8 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
-from eladapt.control.gains import extremes
 from eladapt.errors import EladaptError, SimulationError
+from eladapt.gains.extremes import extremes
 
 FILES = Path(__file__).resolve().parents[2] / "shared" / "arms"  # beside the repository
 OPTIONS: dict[str, dict[str, Any]] = {  # what `Robot.from_urdf` has to be told of a file

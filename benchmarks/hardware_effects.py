@@ -17,8 +17,8 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
-from eladapt.control.gains import extremes
 from eladapt.errors import SimulationError
+from eladapt.gains.extremes import extremes
 from eladapt.robot.protocols import Plant
 from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 

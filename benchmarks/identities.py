@@ -13,7 +13,7 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
-from eladapt.control.baselines import KnownGravityPD
+from eladapt.comparison.baselines import KnownGravityPD
 
 ROBOTS = ("two_link", "double_pendulum", "panda", "ur5", "ur10", "xarm7", "kinova", "z1", "talos_left_arm")
 JOINT_TERMS = ("rotor", "viscous", "coulomb", "offset")

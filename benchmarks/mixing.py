@@ -17,7 +17,7 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
-from eladapt.control.gains import extremes
+from eladapt.gains.extremes import extremes
 
 DT = 1e-3
 LOOK = 33  # samples between two looks at Delta
@@ -27,8 +27,10 @@ MIXINGS: dict[str, Any] = {
     "Determinant, gravity's parameters": ea.Determinant(scope="potential"),
     "SmallestEigenvalue, gravity's parameters": ea.SmallestEigenvalue(scope="potential"),
     "Unmixed, gravity's parameters": ea.Unmixed(scope="potential"),
-    "Unmixed, all parameters (default)": ea.Unmixed(scope="all"),
+    "Unmixed, all parameters": ea.Unmixed(scope="all"),
+    "Unmixed, with joint terms (default)": ea.Unmixed(scope="all"),
 }
+DEFAULT = list(MIXINGS)[-1]
 
 
 class Run(NamedTuple):
@@ -48,7 +50,8 @@ class Run(NamedTuple):
 def run(job: tuple[str, str, bool, float]) -> Run:
     name, mixing, direct, duration = job
     robot = ea.Robot.load(name)
-    controller = ea.CompositeController.for_robot(robot, DT)
+    terms: dict[str, Any] = {} if mixing == DEFAULT else {"joint_terms": ()}
+    controller = ea.CompositeController.for_robot(robot, DT, **terms)
     law = dataclasses.replace(controller.law, direct=direct)
     controller = dataclasses.replace(controller, mixing=MIXINGS[mixing], law=law)
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
@@ -112,17 +115,15 @@ def main() -> None:
         for r in runs
     ]  # fmt: skip
     bounds = ", ".join(f"{n}: {extremes(ea.Robot.load(n)).gravity.max():.3g} N m" for n in options.robots)
-    sizes = {
-        name: ea.CompositeController.for_robot(ea.Robot.load(name)).regressors for name in options.robots
-    }
+    sizes = {name: ea.Regressors(ea.Robot.load(name)) for name in options.robots}
     factors = ", ".join(f"{len(reg)} or {reg.n_potential} on {name}" for name, reg in sizes.items())
     notes = (
         f"Largest gravity torques: {bounds}. Runs of {options.duration:g} s. Without the direct term only "
         "the mixed regression teaches. Largest Delta: of what the mixing multiplies theta with; unmixed, the "
         f"smallest eigenvalue of Phi. A determinant is a product of factors below one: {factors}. The "
         "smallest eigenvalue waits for the direction that is excited last; unmixed, each is learned when it "
-        "is excited. In a joint that has moved one way only, nothing tells its offset from its Coulomb "
-        "friction: of all parameters there is then one that no excitation has reached, and Delta is 0."
+        "is excited. The comparison is without joint terms: a joint that has moved one way only does not "
+        "tell its offset from its Coulomb friction, and one direction that is not excited makes Delta 0."
     )
     write("mixing", "Mixing: what the estimate waits for", head, rows, notes)
 

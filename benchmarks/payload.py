@@ -18,7 +18,7 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
-from eladapt.control.baselines import KnownGravityPD
+from eladapt.comparison.baselines import KnownGravityPD
 from eladapt.errors import SimulationError
 
 DT = 1e-3

@@ -32,7 +32,7 @@ from tqdm import tqdm
 from tracking import sines
 
 import eladapt as ea
-from eladapt.control.baselines import KnownGravityPD
+from eladapt.comparison.baselines import KnownGravityPD
 from eladapt.errors import EladaptError, SimulationError
 from eladapt.records.record import chatter
 from eladapt.robot.protocols import Goal, Plant, Unrecorded

@@ -4,11 +4,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from eladapt import paper
+from eladapt.comparison.slotine_li import SlotineLi
+from eladapt.comparison.terminal_sliding import TerminalSliding
 from eladapt.control.composite import CompositeController, ControllerState
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.reports import carried, friction, payload
-from eladapt.control.slotine_li import SlotineLi
-from eladapt.control.terminal_sliding import TerminalSliding
 from eladapt.errors import EladaptError
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.excitation import IntervalExcitation

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import eladapt as ea
-from eladapt.control.gains import extremes
+from eladapt.gains.extremes import extremes
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 import eladapt as ea
-from eladapt.control.gains import effort, extremes
 from eladapt.errors import require_vector
+from eladapt.gains.extremes import effort, extremes
 
 
 def main() -> None:

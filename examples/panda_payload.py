@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import eladapt as ea
-from eladapt.control.baselines import KnownGravityPD
+from eladapt.comparison.baselines import KnownGravityPD
 from eladapt.robot.protocols import BareController
 
 ATTACHED = 3.0  # [s]

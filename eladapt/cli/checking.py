@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from eladapt.control.gains import derive_gains, effort, extremes
 from eladapt.errors import ArgumentError, EladaptError, UrdfError, require_number
+from eladapt.gains.derived import derive_gains
+from eladapt.gains.extremes import effort, extremes
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot import library
 from eladapt.robot.model import Robot

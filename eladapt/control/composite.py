@@ -12,10 +12,8 @@ import pinocchio as pin
 from eladapt.control.blocks import ControlBlock, ExtensionBlock, RegressionBlock
 from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
-from eladapt.control.gains import Gains, derive_gains
 from eladapt.control.learned_joints import LearnedJoints
 from eladapt.control.reports import carried
-from eladapt.control.sensing import Hardware
 from eladapt.control.starting import starting_parameters
 from eladapt.control.state import ControllerState
 from eladapt.control.stepping import checked_step, elapsed
@@ -25,6 +23,8 @@ from eladapt.estimation.change import ChangeDetector, Snapshot
 from eladapt.estimation.extensions import SubspaceLeastSquares
 from eladapt.estimation.mixing import Mixing, Unmixed, spectrum
 from eladapt.estimation.regressions import ForceBalance
+from eladapt.gains.derived import Gains, derive_gains
+from eladapt.gains.sensing import Hardware
 from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
@@ -106,12 +106,12 @@ class CompositeController:
 
         position_noise [rad], velocity_noise [rad/s]: standard deviations, scalar or (nv,); delay [s]: from a
         measurement to the torque that answers it, beyond the step; velocity_lag [s]: of a filter in the
-        measured velocity. What is known of them goes in here, see `eladapt.control.sensing.Hardware`; the
+        measured velocity. What is known of them goes in here, see `eladapt.gains.sensing.Hardware`; the
         control law's horizon, the noise floor of the rows and how slow a joint counts as stuck follow from
         it.
 
         Names: P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, Gamma, Upsilon, in the
-        units of `eladapt.control.gains.Gains`. ``print(controller.gains)`` says which rule set each. Raises
+        units of `eladapt.gains.derived.Gains`. ``print(controller.gains)`` says which rule set each. Raises
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
         """
         regressors = Regressors(robot, joint_terms=joint_terms)

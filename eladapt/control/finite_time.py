@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -124,21 +124,6 @@ class FiniteTimePD:
         return -self.P * position - self.D * velocity - self.D_L * e2
 
 
-class PredictedState(NamedTuple):
-    """Where a horizon of feedback leads."""
-
-    e1: np.ndarray  # (nv,) position error
-    e2: np.ndarray  # (nv,) velocity
-
-
-def semi_implicit_state(
-    law: FiniteTimePD, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, horizon: float | np.ndarray
-) -> PredictedState:
-    """(e1 + H w, w) with M (w - e2) = H law(e1 + H w, w), see `proximal.solve_coupled`."""
-    solution = semi_implicit_solution(law, e1, e2, mass_matrix, horizon)
-    return PredictedState(solution.e1, solution.w)
-
-
 def semi_implicit_solution(
     law: FiniteTimePD,
     e1: np.ndarray,
@@ -147,7 +132,8 @@ def semi_implicit_solution(
     horizon: float | np.ndarray,
     most: int = ITERATIONS,
 ) -> Solution:
-    """The same with the torque there, and what it took to find it."""
+    """(e1 + H w, w) with M (w - e2) = H law(e1 + H w, w), the torque there, and what it took to find it; see
+    `proximal.solve_coupled`."""
     P, D, D_L = law.gains(len(e2))
     reach = np.broadcast_to(horizon, len(e2)).astype(float)
     return solve_coupled(e1, e2, mass_matrix, P, D, D_L, law.a, law.b, reach, most)

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from eladapt.comparison.slotine_li import SlotineLi
+from eladapt.comparison.terminal_sliding import TerminalSliding
 from eladapt.control.composite import CompositeController
 from eladapt.control.finite_time import FiniteTimePD
-from eladapt.control.slotine_li import SlotineLi
-from eladapt.control.terminal_sliding import TerminalSliding
 from eladapt.errors import ArgumentError
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.extensions import Kreisselmeier, LeastSquares

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
+from eladapt.comparison.slotine_li import SlotineLi, linear_reference
 from eladapt.control.composite import CompositeController
-from eladapt.control.slotine_li import SlotineLi, linear_reference
 from eladapt.paper import GOAL, START, controller
 from eladapt.paper.claims import Claim
 from eladapt.records.record import Record

@@ -107,11 +107,6 @@ class Regressors:
         )
 
     @property
-    def robot_parameters(self) -> np.ndarray:
-        """(s,) the URDF's standard parameters: ten a body, then the rotors."""
-        return self._standard.parameters
-
-    @property
     def rank_gap(self) -> float:
         """By which factor the singular values drop behind the rank of the base."""
         return self.basis.rank_gap

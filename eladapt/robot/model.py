@@ -202,10 +202,6 @@ class Robot:
         q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
         return np.array(pin.rnea(self.model, self._data, q, v, a))
 
-    def inertial_torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """M a + C v (nv,) without gravity, for arguments that were validated."""
-        return np.array(pin.rnea(self.weightless, self._data, q, v, a))
-
     @functools.cached_property
     def weightless(self) -> pin.Model:
         """A copy of the model without gravity."""

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from eladapt.control.gains import effort, extremes
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number, require_vector
+from eladapt.gains.extremes import effort, extremes
 from eladapt.robot.model import Robot
 from eladapt.robot.protocols import Goal
 from eladapt.safety.barrier import Barrier

@@ -7,8 +7,8 @@ import pytest
 from shared import load
 
 import eladapt as ea
-from eladapt.control.gains import extremes
 from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.gains.extremes import extremes
 
 
 def move(name: str, duration: float = 4.0, theta0="zero") -> ea.Record:

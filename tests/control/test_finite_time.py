@@ -1,7 +1,7 @@
 """The finite-time PD law and its evaluations in sampled time."""
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -10,12 +10,25 @@ from hypothesis import strategies as st
 from shared import load
 
 import eladapt as ea
-from eladapt.control.baselines import KnownGravityPD
-from eladapt.control.finite_time import PredictedState, semi_implicit_solution, semi_implicit_state
+from eladapt.comparison.baselines import KnownGravityPD
+from eladapt.control.finite_time import semi_implicit_solution
 from eladapt.control.proximal import ITERATIONS, Solution, solve_scalar
 from eladapt.errors import ArgumentError
 
 H = 1e-3
+
+
+class PredictedState(NamedTuple):
+    """Where a horizon of feedback leads."""
+
+    e1: np.ndarray  # (nv,) position error
+    e2: np.ndarray  # (nv,) velocity
+
+
+def predicted(*problem: Any) -> PredictedState:
+    """(e1 + H w, w) of `semi_implicit_solution`."""
+    solution = semi_implicit_solution(*problem)
+    return PredictedState(solution.e1, solution.w)
 
 
 def test_law_is_the_typeset_one():
@@ -58,7 +71,7 @@ def test_semi_implicit_state_solves_the_implicit_equation(name, linear, rng):
         mass = robot.mass_matrix(robot.random_configuration(rng))
         e, v = rng.normal(size=(2, robot.nv)) * 10.0 ** rng.uniform(-12, 1, size=(2, 1))
         e, v = e * (k % 5 != 0), v * (k % 7 != 0)
-        end = semi_implicit_state(law, e, v, mass, H)
+        end = predicted(law, e, v, mass, H)
         change, pull = mass @ (end.e2 - v), H * law.law(*end)
         assert np.abs(change - pull).max() <= 1e-9 * max(np.abs(change).max(), np.abs(mass @ v).max(), 1e-300)
         np.testing.assert_allclose(end.e1, e + H * end.e2, rtol=1e-9, atol=1e-300)
@@ -218,7 +231,7 @@ def test_a_horizon_of_each_joint_keeps_the_problem_symmetric(rng):
         mass, law = inertia("panda", k), derived_law("panda")
         horizon = 10.0 ** rng.uniform(-3.5, -1.5, size=7)
         e, v = rng.normal(size=(2, 7)) * 10.0 ** rng.uniform(-8, 0, size=(2, 1))
-        end = semi_implicit_state(law, e, v, mass, horizon)
+        end = predicted(law, e, v, mass, horizon)
         root = np.sqrt(horizon)
         change, pull = (mass / np.outer(root, root)) @ (end.e2 - v), law.law(*end)
         # 1e-9: the solver stops at 1e-11 of the momenta that the start involves

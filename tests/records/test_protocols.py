@@ -5,7 +5,7 @@ import pytest
 from shared import load
 
 import eladapt as ea
-from eladapt.control.baselines import KnownGravityPD, adaptive_pd, indirect
+from eladapt.comparison.baselines import KnownGravityPD, adaptive_pd, indirect
 from eladapt.errors import ArgumentError, EladaptError, UnknownNameError
 from eladapt.records.recorder import REVIEWED, SAMPLED
 from eladapt.robot.protocols import Recorded, Unrecorded, truth_of

@@ -7,7 +7,7 @@ import pytest
 from shared import load
 
 import eladapt as ea
-from eladapt.control.baselines import KnownGravityPD
+from eladapt.comparison.baselines import KnownGravityPD
 from eladapt.errors import ArgumentError, UnknownNameError
 from eladapt.safety.guards import DivergenceGuard
 

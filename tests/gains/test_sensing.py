@@ -5,9 +5,9 @@ import pytest
 from shared import DT, load
 
 import eladapt as ea
-from eladapt.control.gains import ASSUMED_ROTOR_ACCELERATION, derive_gains
-from eladapt.control.sensing import DELAY_MARGIN, MOST_NOISE, NOISE_SHARE, Hardware
 from eladapt.errors import ArgumentError
+from eladapt.gains.derived import ASSUMED_ROTOR_ACCELERATION, derive_gains
+from eladapt.gains.sensing import DELAY_MARGIN, MOST_NOISE, NOISE_SHARE, Hardware
 from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
 

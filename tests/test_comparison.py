@@ -7,9 +7,9 @@ import pytest
 from shared import load
 
 import eladapt as ea
-from eladapt.control.baselines import KnownGravityPD, adaptive_pd, indirect
-from eladapt.control.slotine_li import SlotineLi
-from eladapt.control.terminal_sliding import AdaptationGain, TerminalSliding
+from eladapt.comparison.baselines import KnownGravityPD, adaptive_pd, indirect
+from eladapt.comparison.slotine_li import SlotineLi
+from eladapt.comparison.terminal_sliding import AdaptationGain, TerminalSliding
 from eladapt.errors import ArgumentError
 from eladapt.paper.proofs import slotine_li_lyapunov
 

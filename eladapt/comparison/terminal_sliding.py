@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from eladapt.comparison.slotine_li import SlidingReference, linear_reference
 from eladapt.control.blocks import ExtensionBlock, RegressionBlock
-from eladapt.control.gains import derive_sliding_gains
 from eladapt.control.proximal import signed_power
-from eladapt.control.slotine_li import SlidingReference, linear_reference
 from eladapt.control.starting import starting_parameters
 from eladapt.errors import require_gain, require_number
 from eladapt.estimation.extensions import Kreisselmeier
 from eladapt.estimation.regressions import ForceBalance
+from eladapt.gains.derived import derive_sliding_gains
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.robot.protocols import Goal

@@ -7,8 +7,9 @@ import pytest
 from shared import load
 
 import eladapt as ea
-from eladapt.control.gains import RESOLVED, adaptation_mode, derive_gains, fall_mode
 from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.gains.derived import RESOLVED, derive_gains
+from eladapt.gains.extremes import adaptation_mode, fall_mode
 from eladapt.robot.library import folder
 
 

@@ -13,12 +13,12 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.control.blocks import CovarianceBlock, RegressionBlock
-from eladapt.control.gains import derive_sliding_gains
 from eladapt.control.starting import starting_parameters
 from eladapt.errors import require_gain, require_number
 from eladapt.estimation.excitation import IntervalExcitation
 from eladapt.estimation.extensions import Information, LeastSquares
 from eladapt.estimation.regressions import ForceBalance
+from eladapt.gains.derived import derive_sliding_gains
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.robot.protocols import Goal

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.control.sensing import Hardware, choose_floor, choose_horizon
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number
+from eladapt.gains.extremes import Mode, adaptation_mode, configurations, effort, extremes, fall_mode
+from eladapt.gains.sensing import Hardware, choose_floor, choose_horizon
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 
-SAMPLES = 200  # configurations over which the extremes of M and g are taken
 # Part of a radian that the fastest motion which only sampled feedback sees may turn in one step. At 1 kHz the
 # published arms stay below 0.17 (so_arm101), and explicit feedback of a mode diverges at 2.
 RESOLVED = 0.3
@@ -26,9 +26,8 @@ GAMMA, GAMMA_LEAST = 0.2, 0.002
 # [rad/s^2] A rotor that the effort limit could not turn faster than this is not believed (a Panda's wrist:
 # 0.24 kg m^2), and one of an eighth of that is what D reckons with (0.03 kg m^2).
 LEAST_ROTOR_ACCELERATION, ASSUMED_ROTOR_ACCELERATION = 50.0, 400.0
-LEAST_STIFFNESS = (
-    0.3  # of the effort limit: friction of some parts of it must not hold a joint far from its goal
-)
+# Of the effort limit: friction of some parts of it must not hold a joint far from its goal.
+LEAST_STIFFNESS = 0.3
 LEAST_SLIDING = 5e-3  # [rad/s]: five times a velocity noise that nobody told
 MOST_PUSH = 1000.0  # [rad/s^2] by which a disturbance estimate may throw a link that has no rotor
 IDEAL = Hardware()
@@ -90,67 +89,6 @@ class SlidingGains(NamedTuple):
     beta: float  # [1/s]
     xi: float
     f0: float
-
-
-class Extremes(NamedTuple):
-    """Largest values over sampled configurations, by joint: estimates, not bounds."""
-
-    gravity: np.ndarray  # (nv,) max |g_i| [N m]
-    inertia: np.ndarray  # (nv,) max M_ii [kg m^2]
-
-
-class Mode(NamedTuple):
-    """The fastest motion that only sampled feedback sees, over sampled configurations."""
-
-    frequency: float  # [rad/s]
-    joint: str  # the one that moves most in it
-
-
-def extremes(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> Extremes:
-    """Over configurations within the joint limits."""
-    configurations = _configurations(robot, samples, seed)
-    gravity = np.max([np.abs(robot.gravity(q)) for q in configurations], axis=0)
-    inertia = np.max([np.diag(robot.mass_matrix(q)) for q in configurations], axis=0)
-    return Extremes(gravity, inertia)
-
-
-def effort(robot: Robot, largest: Extremes) -> np.ndarray:
-    """(nv,) [N m] the URDF's effort limits; where it sets none, max(3 max|g_i|, 20 max M_ii)."""
-    assumed = np.maximum(3 * largest.gravity, 20 * largest.inertia)
-    return np.where(np.isfinite(robot.effort_limit), robot.effort_limit, assumed)
-
-
-def adaptation_mode(regressors: Regressors, Gamma: float, samples: int = SAMPLES, seed: int = 0) -> Mode:
-    """omega^2 = lambda_max(M^-1 Psi Gamma Psi'): the direct term acts as a spring on the arm."""
-    robot, fastest = regressors.robot, Mode(0.0, regressors.robot.joint_names[0])
-    for q in _configurations(robot, samples, seed):
-        psi = regressors.gravity(q)
-        scale = np.linalg.inv(np.linalg.cholesky(robot.mass_matrix(q)))
-        stiffness = scale @ (Gamma * psi @ psi.T) @ scale.T
-        values, vectors = np.linalg.eigh(stiffness)
-        frequency = float(np.sqrt(max(values[-1], 0.0)))
-        if frequency > fastest.frequency:
-            motion = np.abs(scale.T @ vectors[:, -1])
-            fastest = Mode(frequency, robot.joint_names[int(np.argmax(motion))])
-    return fastest
-
-
-def fall_mode(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> Mode:
-    """omega^2 = lambda_max(M^-1 dg/dq): how fast gravity changes under an arm between two samples."""
-    fastest, step = Mode(0.0, robot.joint_names[0]), 1e-6
-    for q in _configurations(robot, samples, seed):
-        columns = [
-            robot.gravity(robot.integrate(q, e)) - robot.gravity(robot.integrate(q, -e))
-            for e in step * np.eye(robot.nv)
-        ]
-        values, vectors = np.linalg.eig(
-            np.linalg.solve(robot.mass_matrix(q), np.array(columns).T / (2 * step))
-        )
-        k = int(np.argmax(np.abs(values)))
-        frequency = float(np.sqrt(np.abs(values[k])))
-        if frequency > fastest.frequency:
-            fastest = Mode(frequency, robot.joint_names[int(np.argmax(np.abs(vectors[:, k])))])
-    return fastest
 
 
 def derive_gains(
@@ -221,7 +159,7 @@ def derive_gains(
     beta = settle("beta", 5.0, "5 1/s: forgets in 0.2 s what is known better than needed")
     floor = settle(
         "floor",
-        *choose_floor(regressors, hardware, _configurations(robot, FLOOR_SAMPLES, 0), row_weight, pole),
+        *choose_floor(regressors, hardware, configurations(robot, FLOOR_SAMPLES, 0), row_weight, pole),
     )
     f0 = settle(
         "f0", max(LEAST_PRIOR, PRIOR_OF_NOISE * floor**2),
@@ -296,11 +234,6 @@ def _require_resolved(mode: Mode, dt: float, delay: float, what: str) -> None:
             f"{mode.joint!r}, and {turns} may turn {RESOLVED:g} rad of it; {cure}. If the arm should be "
             f"slower, check the inertia of that joint's links"
         )
-
-
-def _configurations(robot: Robot, samples: int, seed: int) -> list[np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return [robot.random_configuration(rng) for _ in range(samples)]
 
 
 def _by_joint(robot: Robot, masks: Mapping[str, np.ndarray]) -> str:

@@ -1,0 +1,1 @@
+"""What others do: controllers to compare with, in the same loop."""

@@ -1,0 +1,1 @@
+"""Gains from the URDF and from what is known of the hardware around the arm."""
