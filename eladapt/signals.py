@@ -45,4 +45,4 @@ class MixedRegression(NamedTuple):
     """
 
     Y: np.ndarray  # (k,)
-    gain: float | np.ndarray  # Delta, or a symmetric matrix (k, k) with eigenvalues in [0, 1]
+    gain: float | np.ndarray  # Delta, or Phi (k, k), symmetric; of least squares with eigenvalues in [0, 1)

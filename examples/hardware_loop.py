@@ -1,8 +1,8 @@
 """A robot in another process, driven at 1 kHz over a socket, as through a vendor's fast interface.
 
-MuJoCo plays the arm, in real time, behind UDP on loopback; all that the controller knows of it is what it
-measures, and gravity it learns. Writes plot and record under out/, and the controller's state, with which
---resume starts the next run: that one knows gravity from the first sample.
+MuJoCo plays the arm, in real time, behind UDP on loopback; the controller starts from what the URDF says of
+it and learns the rest from what it measures. Writes plot and record under out/, and the controller's state,
+with which --resume starts the next run: that one knows from the first sample what this one learned.
 """
 
 import argparse

@@ -34,11 +34,10 @@ def main() -> None:
     start, goal = robot.configuration(START), robot.configuration(GOAL)
     print(f"{robot.nv} joints, {robot.nq} numbers in q: a continuous joint is (cos, sin)")
     plant = ea.PinocchioPlant(robot, start)
-    record = ea.simulate(controller, plant, goal, duration=3.0, title="kinova, across the half turn")
+    title = "kinova, across the half turn"
+    record = ea.simulate(controller, plant, goal, duration=3.0, theta0="zero", title=title)
 
-    known = ea.simulate(
-        controller, plant, goal, 1.0, theta0=controller.regressors.theta_potential, title="gravity known"
-    )
+    known = ea.simulate(controller, plant, goal, 1.0, theta0="urdf", title="gravity known")
 
     short = robot.difference(start, goal)
     travel = turned(robot, record)

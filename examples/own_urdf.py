@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> None:
     print(f"\n{controller.gains}\n")
 
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
-    record = ea.simulate(controller, plant, q_goal, options.duration, title=robot.name)
+    record = ea.simulate(controller, plant, q_goal, options.duration, theta0="zero", title=robot.name)
     last = np.abs(controller.regressors.gravity(record.q[-1]) @ record.theta_error[-1]).max(initial=0)
     arrived = record.settling_time()
     print(f"all joints below 1e-3 after {arrived:.2f} s" if arrived < np.inf else "did not settle below 1e-3")

@@ -21,7 +21,8 @@ def main() -> None:
     robot = ea.Robot.load("panda")
     controller = ea.CompositeController.for_robot(robot)
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
-    record = ea.simulate(controller, plant, robot.configuration(robot.target), duration=4.0)
+    goal = robot.configuration(robot.target)
+    record = ea.simulate(controller, plant, goal, duration=4.0, theta0="zero")
 
     m = record.metrics()
     torque_error = [

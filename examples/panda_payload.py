@@ -1,8 +1,8 @@
 """A Panda picks up a load that nobody told it of, and says what the load weighs.
 
 2 kg are attached to the hand at t = 3 s, while the arm holds its set-point. The controller notices,
-starts afresh on excitation, brings the hand back and turns the change of its gravity parameters
-into mass and centre of mass. The same happens to a PD with the URDF's gravity and to Slotine-Li.
+starts afresh on excitation, brings the hand back and turns the change of its parameters into mass
+and centre of mass. The same happens to a PD with the URDF's gravity and to Slotine-Li.
 """
 
 import argparse

@@ -1,9 +1,10 @@
 """The left arm of TALOS, at whose wrist the rotors outweigh the links: 0.1 kg m^2 a joint.
 
 The same arm, with rotors, is regulated twice: by a controller whose model has no rotors, as in the
-URDF, and by one whose model has them. Both arrive, for the law forgives a wrong model. Prints how
-well each model explains the motion and what it learned of gravity from it, and writes plot,
-animation and record under out/. With --view it also opens the live view in the browser.
+URDF, and by one whose model has them. Neither learns joint terms, as the default does, which would
+find the rotors. Both arrive, for the law forgives a wrong model. Prints how well each model explains
+the motion and what it learned of gravity from it, and writes plot, animation and record under out/.
+With --view it also opens the live view in the browser.
 """
 
 import argparse
@@ -42,7 +43,7 @@ def main() -> None:
 
     records, columns = [], []
     for name, arm in {"model without rotors": bare, "model with rotors": robot}.items():
-        controller = ea.CompositeController.for_robot(arm)
+        controller = ea.CompositeController.for_robot(arm, joint_terms=())
         record = ea.simulate(controller, ea.PinocchioPlant(robot, home), goal, duration=4.0, title=name)
         y, omega = regressions(record, controller.regressors)
         fitted = np.linalg.lstsq(omega, y)[0]

@@ -37,11 +37,12 @@ def main() -> None:
         return goals[min(int((t + DT / 2) / DWELL), len(goals) - 1)]
 
     route = ea.PinocchioPlant(robot, home)
-    record = ea.simulate(controller, route, goal, DWELL * len(goals), DT, title="ur5, four waypoints")
+    title = "ur5, four waypoints"
+    record = ea.simulate(controller, route, goal, DWELL * len(goals), DT, theta0="zero", title=title)
     steps = round(DWELL / DT)
     moves = {f"waypoint {k + 1}": (record, range(k * steps, (k + 1) * steps)) for k in range(len(goals))}
     alone = ea.PinocchioPlant(robot, goals[-2])
-    afresh = ea.simulate(controller, alone, goals[-1], DWELL, DT, title="from no knowledge")
+    afresh = ea.simulate(controller, alone, goals[-1], DWELL, DT, theta0="zero", title="from no knowledge")
     moves["waypoint 4, from no knowledge"] = (afresh, range(steps))
 
     print(f"\n{'':30} {'settled':>9} {'gravity off, at first':>22} {'at most':>12} {'known after':>12}")

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.control.composite import CompositeController, ControlBlock
+from eladapt.control.blocks import ControlBlock
+from eladapt.control.composite import CompositeController
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.errors import ArgumentError
 from eladapt.robot.model import Robot

@@ -66,7 +66,7 @@ class TerminalSliding:
     the joints one by one away from there: |e1| is taken as no smaller than ``floor`` [rad] in it. Below
     the floor the feedforward is too small, which K_s must dominate.
 
-    K1 [N m s/rad], K2 [1/s], K_s [N m]: scalar or (nv,); a in (0, 1]. theta is stepped by explicit Euler.
+    K1 [N m s/rad], K2 [1/s], K_s [N m]: scalar or (nv,); a in (0, 1). theta is stepped by explicit Euler.
     Raises ArgumentError for gains that are not positive.
     """
 

@@ -39,9 +39,9 @@ class CompositeController:
     theta is Psi theta_U and what the joint offsets add: (278) to the letter. What the paper proves, it proves
     for set-points; that the same law follows a moving reference is measured (benchmarks/results/tracking.md).
 
-    control: `FiniteTimePD`, or any law with its ``torque``, ``b`` and ``horizon``; b must agree with law.b (c
-    = b). joints: what has been learned of rotors and viscous friction, which the law's M(q) has beside the
-    URDF's links.
+    control: `FiniteTimePD`, or any law with its ``torque`` and ``b``; b must agree with law.b (c = b).
+    joints: what has been learned of rotors and viscous friction, which the law's M(q) has beside the URDF's
+    links.
     effort_limit (nv,) [N m]: the torque is clipped to it; the estimator sees the torque that was applied, so
     clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped. detector:
     notices a load that comes or goes; filters and information then start afresh, and the estimate goes on
@@ -110,8 +110,9 @@ class CompositeController:
         control law's horizon, the noise floor of the rows and how slow a joint counts as stuck follow from
         it.
 
-        Names: P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, Gamma, Upsilon, in the
-        units of `eladapt.gains.derived.Gains`. ``print(controller.gains)`` says which rule set each. Raises
+        Names: P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, stiction_speed, Gamma,
+        Upsilon, disturbance_limit, memory, tolerance, still_speed, in the units of
+        `eladapt.gains.derived.Gains`. ``print(controller.gains)`` says which rule set each. Raises
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
         """
         regressors = Regressors(robot, joint_terms=joint_terms)

@@ -94,7 +94,7 @@ class FiniteTimePD:
         return -self.P * signed_power(e1, self.a) - self.D * signed_power(e2, self.b) - self.D_L * e2
 
     def torque(self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float) -> np.ndarray:
-        """The torque (nv,) to hold for the next dt [s]; mass_matrix: nominal M(q), from the URDF."""
+        """The torque (nv,) to hold for the next dt [s]; mass_matrix: M(q), as far as it is known."""
         if self.evaluation == "explicit":
             return self.law(e1, e2)
         if self.evaluation == "slope_limited":
@@ -132,8 +132,10 @@ def semi_implicit_solution(
     horizon: float | np.ndarray,
     most: int = ITERATIONS,
 ) -> Solution:
-    """(e1 + H w, w) with M (w - e2) = H law(e1 + H w, w), the torque there, and what it took to find it; see
-    `proximal.solve_coupled`."""
+    """(e1 + H w, w) with M (w - e2) = H law(e1 + H w, w), the torque there, and what it took to find it.
+
+    `proximal.solve_coupled` has the equation for a horizon H of each joint's own.
+    """
     P, D, D_L = law.gains(len(e2))
     reach = np.broadcast_to(horizon, len(e2)).astype(float)
     return solve_coupled(e1, e2, mass_matrix, P, D, D_L, law.a, law.b, reach, most)

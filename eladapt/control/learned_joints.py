@@ -16,7 +16,7 @@ from eladapt.regressors.regressors import Regressors
 BODY_EASE = 1e-3
 SURE = 10.0  # an inertia counts as far as the data tell more than nine tenths of it
 # Where friction c is all that resists, u = s c (w - v) over a step leaves v <- s (w - v), e <- e + dt v with
-# w = -e/H: stable for s < 2 / (2 + dt/H), 0.72 at H = 1.3 dt. Half of that, for a rotor that is none.
+# w = -e/H: stable for s < 2 / (2 + dt/H), 0.72 at H = 1.3 dt. Well below that, for a rotor that is none.
 VISCOUS_SHARE = 0.3
 DEVIATIONS = 3.0  # by how many standard deviations the residual must leave it above zero
 

@@ -45,9 +45,9 @@ class ChangeDetector:
 
     least: in units of weighted rows, 0.01 of an effort limit with derived gains (0.9 N m on a Panda's
     shoulder). memory [s]: over which the quiet RMS is taken. pause [s]: least time between changes, and
-    from the start to the first.
-    margin [s]: what was learned so shortly before a change was noticed (a load that comes slowly takes
-    10 ms) may have been learned of the changed arm, and is not used as what was known before.
+    from the start to the first. margin [s]: what was learned so shortly before a change was noticed (a load
+    that comes slowly takes 10 ms) may have been learned of the changed arm, and is not used as what was
+    known before.
 
     In seconds of rest velocity noise makes the inertia look smaller than it is (errors in Omega, not in y),
     and a hard start can then be taken for a change: panda, 1e-3 rad/s, after 3 s. Its payload estimate has

@@ -86,9 +86,10 @@ def spectrum(information: Information, n_potential: int, scope: Scope) -> Spectr
 class Unmixed:
     """Y = Phi theta (488), (832) as a vector: theta' = rate r / |r|^(1 - b), r = Y - Phi theta_hat.
 
-    For V = |theta_hat - theta|^2 / 2, V' <= -rate lambda_min(Phi) |theta_hat - theta|^(1 + b): the paper's
-    (588) with the smallest eigenvalue of Phi in place of the determinant's power. What is excited is learned
-    at once, whatever else is not. Gamma Upsilon must be one number.
+    For V = |theta_hat - theta|^2 / 2 and the Phi of least squares, whose eigenvalues are below 1, V' <= -rate
+    lambda_min(Phi) |theta_hat - theta|^(1 + b): the paper's (588) with the smallest eigenvalue of Phi in
+    place of the determinant's power. What is excited is learned at once, whatever else is not. Gamma Upsilon
+    must be one number.
     """
 
     scope: Scope = "all"

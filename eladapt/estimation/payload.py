@@ -1,13 +1,12 @@
-"""What a load weighs and where its centre of mass is, from the change of the gravity parameters.
+"""What a load weighs and where its centre of mass is, from the change of the parameters.
 
-A point mass m at p in the joint frame of body j adds m [1, p] to that body's first four standard
-parameters, and theta_U is linear in them. With p = t + R c, from the tool frame's placement (R, t) on
-the body, the change of theta_U is
+A rigid load adds its ten standard parameters x = (m, m c, I), I about the origin of the tool frame, to those
+of the body j that carries it, once they are in the frame of that body's joint; and theta is linear in them:
 
-    theta_U,after - theta_U,before = A x,    x = (m, m c),    A = scale P_U[:, body j] [1 0; t R],
+    theta_after - theta_before = A x,    A = scale P[:, body j] X,
 
-P_U being the rows of the base's projection that make theta_U. Gravity cannot tell a body's rotational
-inertia, so a load of any shape counts as the point mass at its centre of mass.
+P being the base's projection, X (10, 10) the change of frame. Of theta_U alone only m and m c can be told,
+since gravity does not see a body's rotational inertia: then x = (m, m c), with the rows of theta_U of A.
 """
 
 from __future__ import annotations
@@ -30,13 +29,13 @@ NAMES = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 NO_LOAD = 0.05
 # Largest part of a parameter in directions that are not identified; it goes into its standard deviation.
 UNSEEN = 0.01
-ROUNDING = 1e-9  # relative to theta_U; a smaller change is no load
+ROUNDING = 1e-9  # relative to theta; a smaller change is no load
 
 
 class PayloadEstimate(NamedTuple):
     """A load in the coordinates of ``frame``; a negative mass is a load that was released.
 
-    What the change of theta_U does not tell is nan with an infinite standard deviation, and
+    What the change of theta does not tell is nan with an infinite standard deviation, and
     ``unidentified`` names it: the combinations of m [kg] and m c [kg m] that leave no trace, in the
     posture and motion that were seen. Standard deviations are nan where no noise level is known.
     """
@@ -75,27 +74,26 @@ def estimate_payload(
     floor: float = 0.0,
     frame: str | None = None,
 ) -> PayloadEstimate:
-    """Mass and centre of mass of a load, by weighted least squares on the change of theta_U.
+    """Mass and centre of mass of a load, by weighted least squares on the change of theta.
 
-    theta_before, theta_after: the whole theta (l,), or theta_U (n_potential,), without and with the load.
-    frame: in which the centre of mass is wanted, and on which body the load hangs; the robot's tool if
-    None.
+    theta_before, theta_after: the whole theta (l,), or theta_U (n_potential,), without and with the load. The
+    whole theta tells the load's inertia too, which is taken out; theta_U does not see it. frame: in which the
+    centre of mass is wanted, and on which body the load hangs; the robot's tool if None.
 
-    information: what was seen since the load came; its bottom block T_UU theta_U = t_U is the weight, so
-    that directions which were not excited do not count. It must have been started afresh when the load
-    came: old data contradict the new. information_before: the same of theta_before, whose errors count
-    too; a direction unknown before tells nothing after. None takes theta as exact; both None weighs
-    all parameters alike.
+    information: what was seen since the load came; its triangle T (of theta_U alone the bottom block T_UU) is
+    the weight, so that directions which were not excited do not count. It must have been started afresh when
+    the load came: old data contradict the new. information_before: the same of theta_before, whose errors
+    count too; a direction unknown before tells nothing after. None takes theta as exact; both None weighs all
+    parameters alike.
 
     samples: how many independent equations ``information`` holds: rows * duration / spacing, the spacing
-    being 2/pole for what disturbs the torque (the filter keeps it correlated for so long), and dt for
-    noise of the measured velocity (which the filter leaves white). The residual r, the triangle's last
-    diagonal entry, then gives variance = r^2 / (samples - l); the covariance of theta_U is
-    variance (T_UU' T_UU)^-1, and the one before has the same noise. ``variance`` gives that number
-    directly; without information it is the variance of each entry of theta_after - theta_before. This
-    is the scatter by noise in y = Omega theta; a bias that noise in Omega makes is not in it. ``floor``
-    is the information, for each unit of theta_U, that noise in Omega may make by itself (1/xi): a direction
-    that is known no better counts as not identified.
+    being 2/pole for what disturbs the torque (the filter keeps it correlated for so long), and dt for noise
+    of the measured velocity (which the filter leaves white). The residual r, the triangle's last diagonal
+    entry, then gives variance = r^2 / (samples - l); the covariance of theta is variance (T'T)^-1, and the
+    one before has the same noise. ``variance`` gives that number directly; without information it is the
+    variance of each entry of theta_after - theta_before. This is the scatter by noise in y = Omega theta; a
+    bias that noise in Omega makes is not in it. ``floor`` is the information, for each unit of theta, that a
+    prior or noise in Omega makes by itself: a direction that is known no better counts as not identified.
 
     Standard parameters that `zero_parameters` of the robot rules out are taken to be zero with the load
     too: a load off a symmetric arm's centre line biases the rest.

@@ -50,7 +50,7 @@ class ForceBalance:
     without noise, since it divides their difference by dt.
 
     In stiction Coulomb friction is not sign(v): with Coulomb columns, row i is zero and its filter starts
-    afresh over every step in which |v_i| falls below ``stiction_speed`` or v_i changes sign. A filter that
+    afresh over every step at one of whose ends |v_i| is not above ``stiction_speed``. A filter that
     starts afresh is exact from its first step, so nothing of the stiction is remembered and no data of
     the sliding are lost. Each row holds for itself: a stuck joint costs the others nothing.
 
@@ -113,7 +113,7 @@ class ForceBalance:
         return offset, list(zip(velocity, change / dt + (1 - 2 * s) / dt * bend, strict=True))
 
     def _sliding(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """(nv,) which joints slid one way all along a step; all of them where friction has no sign."""
+        """(nv,) which joints slid at both ends of a step; all of them where there are no Coulomb columns."""
         if not self.regressors.coulomb:
             return np.ones(len(after), dtype=bool)
         return np.minimum(np.abs(before), np.abs(after)) > self.stiction_speed
@@ -135,8 +135,8 @@ class PowerBalance:
 
     Energy gained plus energy lost to friction equals the work of the held torque, tau'(q+ - q):
     exact without friction. In stiction nothing moves and nothing is lost, so Coulomb columns |v_i| need no
-    gate. ``weight`` is a positive scalar. One equation excites few directions
-    of a large arm: 32 of 43 on a Panda's regulation move.
+    gate. ``weight`` is a positive scalar. One equation excites few directions of a large arm: 32 of 43 on a
+    Panda's regulation move.
     """
 
     regressors: Regressors

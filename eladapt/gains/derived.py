@@ -51,21 +51,21 @@ class Gains:
     P: np.ndarray  # [N m/rad^(1/3)]
     D: np.ndarray  # [N m (s/rad)^(1/2)]
     D_L: np.ndarray  # [N m s/rad]
-    rotors: np.ndarray  # [kg m^2] assumed beside the URDF's M(q)
+    rotors: np.ndarray  # [kg m^2] the largest that are believed, when they are learned
     horizon: np.ndarray  # [s] of the semi-implicit law
     pole: float  # [1/s]
     row_weight: np.ndarray  # [1/(N m)]
     alpha: float  # [1/s]
     beta: float  # [1/s]
-    f0: float
-    floor: float
-    stiction_speed: float  # [rad/s]
+    f0: float  # initial information
+    floor: float  # length of a row of Omega that is noise
+    stiction_speed: float  # [rad/s] a slower joint may stick
     Gamma: float
     Upsilon: float
-    disturbance_limit: np.ndarray  # [N m]
+    disturbance_limit: np.ndarray  # [N m] of the disturbance estimate, in a joint that moves
     memory: np.ndarray  # [s] of the disturbance estimate
-    tolerance: float  # [rad]
-    still_speed: float  # [rad/s]
+    tolerance: float  # [rad] within which, and
+    still_speed: float  # [rad/s] below which a joint has arrived
     rules: tuple[Rule, ...]
 
     def __str__(self) -> str:
@@ -156,7 +156,7 @@ def derive_gains(
     pole = settle("pole", 20.0, "20 1/s: a tenth of a second of motion in the filters")
     row_weight = settle("row_weight", 1 / limit, "1 / effort limit: rows of equal size")
     alpha = settle("alpha", 1.0, "1 1/s on scaled columns")
-    beta = settle("beta", 5.0, "5 1/s: forgets in 0.2 s what is known better than needed")
+    beta = settle("beta", 5.0, "5 1/s: forgets in 0.2 s what the new rows say again")
     floor = settle(
         "floor",
         *choose_floor(regressors, hardware, configurations(robot, FLOOR_SAMPLES, 0), row_weight, pole),

@@ -1,7 +1,7 @@
 """What sampling says of a robot, (P1) to (P3).
 
-The bounds are estimates, never proofs: an extreme in a posture that neither the
-samples nor the optimiser came near is missed, so that each one errs on the optimistic side.
+The bounds are estimates, never proofs: an extreme in a posture that neither the samples nor the optimiser
+came near is missed, so that each one errs on the optimistic side.
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ class Terms(NamedTuple):
 def model_terms(
     robot: Robot, regressors: Regressors, q: np.ndarray, e2: np.ndarray, theta_error: np.ndarray
 ) -> Terms:
-    """`Terms` at every state of a batch: q (..., nq), e2 (..., nv), theta_error (..., j or more), the last j
-    of theta_U."""
+    """`Terms` at every state of arrays of them: q (..., nq), e2 (..., nv), theta_error (..., j or more), the
+    last j of theta_U."""
     shape = np.broadcast_shapes(q.shape[:-1], e2.shape[:-1], theta_error.shape[:-1])
     rows = [np.broadcast_to(x, (*shape, x.shape[-1])).reshape(-1, x.shape[-1]) for x in (q, e2, theta_error)]
     momentum, gradient, gravity = np.empty((3, len(rows[0]), robot.nv))

@@ -18,13 +18,7 @@ from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.mixing import Unmixed
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
-from eladapt.theory.bounds import (
-    ModelBounds,
-    Terms,
-    model_bounds,
-    model_terms,
-    require_twin,
-)  # fmt: skip
+from eladapt.theory.bounds import ModelBounds, Terms, model_bounds, model_terms, require_twin
 from eladapt.theory.gates import Run, gates_along
 
 Name = Literal["V_0", "V_1", "V_A1", "V_A2", "V_FT"]
@@ -94,7 +88,8 @@ def v_0(control: FiniteTimePD, e1: np.ndarray, e2: np.ndarray, terms: Terms) -> 
 def v_1(
     law: CompositeLaw, control: FiniteTimePD, e1: np.ndarray, e2: np.ndarray, error: np.ndarray, terms: Terms
 ) -> np.ndarray:
-    """V_1 (SLFV1)."""
+    """V_1 = (gamma1 + gamma2) V_0 + gamma1 d1 [tanh(e1)' M e2 + sum D_L ln cosh(e1)]
+    + 1/2 error' Gamma^-1 error (SLFV1)."""
     cross = np.tanh(e1) * terms.momentum + control.D_L * log_cosh(e1)
     parameters = 0.5 * np.sum(error**2 / law.Gamma, axis=-1)
     total = law.gamma1 + law.gamma2
