@@ -40,7 +40,7 @@ from eladapt.simulation.instruments import Delay
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"  # beside the repository
 DT = 1e-3  # [s]
-DURATION, SWINGING = 12.0, 6.0  # [s] of a set-point, of the sines
+DURATION, SWINGING = 10.0, 5.0  # [s] of a set-point, of the sines
 NOISE, LATE = ea.Noise(1e-5, 1e-3), 1e-3  # [s]
 TOLD: dict[str, Any] = {"position_noise": 1e-5, "velocity_noise": 1e-3, "delay": LATE}
 ROTORS, COULOMB, LOADS = (0.0, 0.02, 0.1, 0.2), (0.0, 0.5), (0.0, 2.0)  # [kg m^2], [N m], [kg]

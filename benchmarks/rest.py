@@ -55,7 +55,9 @@ class Arm:
         self.places = [*known_places, *(self.robot.random_configuration(rng) for _ in range(MOVES - 1))]
         self.loaded = dataclasses.replace(self.robot, model=ea.Payload(FIRST, COM).loaded(self.robot))
         second = ea.Payload(SECOND, COM, attach=comes)
-        self.plant = ea.PinocchioPlant(self.loaded, self.places[0], payload=second, noise=NOISE, seed=seed)
+        self.plant = ea.PinocchioPlant(
+            self.loaded, self.places[0], payload=second, noise=NOISE, seed=seed, substeps=1
+        )
         self.measurement = self.plant.reset()
         self.state = self.controller.init(self.measurement)
         self.postures = [self.robot.random_configuration(rng) for _ in range(POSTURES)]

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit, types
+from numba import config, njit, types
 
 SCALAR, COUNT = types.float64, types.int64
 VECTOR, MATRIX = types.float64[::1], types.float64[:, ::1]
@@ -28,7 +28,7 @@ def kernel(*arguments: Any, **options: Any) -> Callable[[Callable[..., Any]], An
             compiled = njit(cache=True, error_model="numpy", **options)(function)
         except RuntimeError:  # numba found no folder to write to
             compiled = njit(error_model="numpy", **options)(function)
-        if arguments:
+        if arguments and not config.DISABLE_JIT:
             KERNELS.append((compiled, arguments))
         return compiled
 

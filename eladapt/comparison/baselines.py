@@ -18,7 +18,7 @@ from eladapt.signals import Measurement
 
 
 def adaptive_pd(controller: CompositeController, faster: float = 20.0) -> CompositeController:
-    """Tomei's adaptive PD: the same controller with a = b = 1 and the direct term alone.
+    """Tomei's adaptive PD: the same gains with a = b = 1, the direct term alone and nothing else that learns.
 
     ``faster`` multiplies Gamma, since that term now has all to learn: 20 is where the two-link arm
     settles soonest. Raises ArgumentError for a controller with another law than `FiniteTimePD`.
@@ -29,7 +29,9 @@ def adaptive_pd(controller: CompositeController, faster: float = 20.0) -> Compos
         controller.law, b=1.0, indirect=False, Gamma=faster * np.asarray(controller.law.Gamma)
     )
     control = dataclasses.replace(controller.control, linear=True)
-    return dataclasses.replace(controller, control=control, law=law)
+    return dataclasses.replace(
+        controller, control=control, law=law, detector=None, disturbance=None, joints=None, rest_speed=0.0
+    )
 
 
 def indirect(controller: CompositeController) -> CompositeController:

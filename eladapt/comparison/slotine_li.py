@@ -115,6 +115,7 @@ class SlotineLi:
 
     def init(self, measurement: Measurement, theta0: str | np.ndarray | None = None) -> SlotineLiState:
         """Filters at rest. theta0: "urdf", "zero" (also None), (l,), or (n_potential,) gravity's alone."""
+        measurement = self.robot.check_measurement(measurement)
         size, theta = len(self.regressors), starting_parameters(theta0, self.regressors)
         filters = self.regression.init(measurement)
         regression = Regression(filters.y, filters.omega)
@@ -131,7 +132,7 @@ class SlotineLi:
 
         For a goal that moves s, vr and ar are those of v - v_d, as Slotine and Li have it.
         """
-        self.robot.check_measurement(measurement)
+        measurement = self.robot.check_measurement(measurement)
         goal = self.robot.check_goal(goal)
         if measurement.t > state.measurement.t:
             theta = state.theta + dt * state.theta_rate

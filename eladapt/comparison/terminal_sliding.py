@@ -129,6 +129,7 @@ class TerminalSliding:
 
     def init(self, measurement: Measurement, theta0: str | np.ndarray | None = None) -> TerminalSlidingState:
         """Filters at rest. theta0: "urdf", "zero" (also None), (l,), or (n_potential,) gravity's alone."""
+        measurement = self.robot.check_measurement(measurement)
         size, theta = len(self.regressors), starting_parameters(theta0, self.regressors)
         filters = self.regression.init(measurement)
         regression = Regression(filters.y, filters.omega)
@@ -144,7 +145,7 @@ class TerminalSliding:
 
         Of a goal that moves only q_d is used: the scheme is one for set-points.
         """
-        self.robot.check_measurement(measurement)
+        measurement = self.robot.check_measurement(measurement)
         target = self.robot.check_goal(goal).q
         if measurement.t > state.measurement.t:
             theta = state.theta + dt * state.theta_rate

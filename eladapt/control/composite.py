@@ -70,6 +70,7 @@ class CompositeController:
         for name in ("Gamma", "Upsilon"):
             if np.ndim(getattr(self.law, name)):
                 require_gain(name, getattr(self.law, name), j)
+        self.law.check_bounds(j)
         if isinstance(self.control, FiniteTimePD):
             self.control.gains(nv)
         if abs(self.law.b - self.control.b) > 1e-12:
@@ -111,7 +112,7 @@ class CompositeController:
         it.
 
         Names: P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, stiction_speed, Gamma,
-        Upsilon, disturbance_limit, memory, tolerance, still_speed, in the units of
+        Upsilon, disturbance_limit, moving_limit, memory, tolerance, still_speed, in the units of
         `eladapt.gains.derived.Gains`. ``print(controller.gains)`` says which rule set each. Raises
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
         """
@@ -131,8 +132,8 @@ class CompositeController:
             effort_limit=robot.effort_limit,
             detector=ChangeDetector(),
             disturbance=DisturbanceEstimate(
-                0.5 / gains.row_weight,
                 gains.disturbance_limit,
+                gains.moving_limit,
                 gains.memory,
                 gains.tolerance,
                 gains.still_speed,
@@ -173,6 +174,7 @@ class CompositeController:
             regression=Regression(filters.y, filters.omega),
             information=information,
             disturbance=self.disturbance.init(self.robot.nv) if self.disturbance else None,
+            inertia=np.zeros(self.robot.nv) if self.joints else None,
         )
         return state._replace(change=self.detector.init(_snapshot(state))) if self.detector else state
 
@@ -200,7 +202,7 @@ class CompositeController:
         mass_matrix = robot.mass_matrix(q, check=False)
         if self.joints:
             diagonal = np.einsum("ii->i", mass_matrix)
-            diagonal += self.joints.inertia(state.parameters, state.information)
+            diagonal += self._joint_inertia(self.joints, state)
         if measurement.t != state.measurement.t:
             state = self._advance(state, measurement, regressor, e1, e2, dt)
         feedback = self.control.torque(e1, e2, mass_matrix, dt)
@@ -254,13 +256,15 @@ class CompositeController:
             )
         filters, regression = self.regression.step(state.filters, measurement, dt)
         information = self.extension.step(state.information, regression, dt)
-        change = state.change
+        change, inertia = state.change, state.inertia
         if self.detector and change:
             change = self.detector.step(change, _snapshot(state), information, regression, measurement.t, dt)
             if change.noticed > state.change.noticed:  # type: ignore[union-attr]
                 filters = self.regression.init(measurement)
                 regression = Regression(filters.y, filters.omega)
                 information = self.extension.init(len(self.regressors))
+                if self.joints:  # whatever changed, it was not the joints
+                    inertia = self._joint_inertia(self.joints, state)
         theta = self.mixing.follow(self.law, information, theta, state.n_potential, dt)
         disturbance = state.disturbance
         if self.disturbance and disturbance is not None:
@@ -269,8 +273,13 @@ class CompositeController:
             disturbance = self.disturbance.step(disturbance, residual, friction, e1, measurement.v, still, dt)
         return ControllerState(
             measurement, self.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
-            information, change, disturbance,
+            information, change, disturbance, inertia,
         )  # fmt: skip
+
+    def _joint_inertia(self, joints: LearnedJoints, state: ControllerState) -> np.ndarray:
+        """(nv,) [kg m^2] what is known of the joints now, or was before the last change."""
+        before = 0.0 if state.inertia is None else state.inertia
+        return np.maximum(joints.inertia(state.parameters, state.information), before)
 
     def _descend(
         self, theta: np.ndarray, regressor: np.ndarray, measurement: Measurement, e1: np.ndarray,

@@ -42,11 +42,12 @@ class LearnedJoints:
 
     def __post_init__(self) -> None:
         nv = self.regressors.robot.nv
-        object.__setattr__(self, "largest", require_gain("rotors", self.largest, nv, zero=True))
+        object.__setattr__(self, "largest", require_gain("largest", self.largest, nv, zero=True))
         object.__setattr__(self, "horizon", require_gain("horizon", self.horizon, nv, zero=True))
         rows = np.vstack([self._rotor_rows(), self._viscous_rows()])
         object.__setattr__(self, "_map", rows)
-        object.__setattr__(self, "_square", np.sum(rows**2, axis=1))
+        square = np.sum(rows**2, axis=1)
+        object.__setattr__(self, "_square", np.where(square > 0, square, 1.0))
         object.__setattr__(self, "_nominal", self.regressors.theta)
 
     def inertia(self, theta: np.ndarray, information: Information) -> np.ndarray:
@@ -55,9 +56,9 @@ class LearnedJoints:
         if information.prior == 0 or information.weight == 0:
             return np.zeros(nv)
         change = self._map @ (theta - self._nominal)  # type: ignore[attr-defined]
-        doubt = 1 - kernels.told(information.triangle, information.prior, self._map)  # type: ignore[attr-defined]
-        scatter = self.alpha * (2 / self.pole) * information.variance / information.prior
-        spread = np.sqrt(scatter * doubt * self._square)  # type: ignore[attr-defined]
+        variances = kernels.variances(information.triangle, self._map)  # type: ignore[attr-defined]
+        doubt = information.prior * variances / self._square  # type: ignore[attr-defined]
+        spread = np.sqrt(self.alpha * (2 / self.pole) * information.variance * variances)
         known = change * np.maximum(0.0, 1 - SURE * doubt) - DEVIATIONS * spread
         rotor, viscous = np.maximum(known[:nv], 0.0), np.maximum(known[nv:], 0.0)
         return np.minimum(rotor, self.largest) + VISCOUS_SHARE * self.horizon * viscous

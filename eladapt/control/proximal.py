@@ -11,7 +11,7 @@ linear when the joints do not couple, and smooth where the law is not.
 
 from __future__ import annotations
 
-from math import copysign, inf, sqrt
+from math import copysign, inf, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -195,6 +195,10 @@ def solve_coupled(
                     jacobian[i, k] = mass[i, k] * (1.0 if i == k else slope[k])
             solve_linear(jacobian, step)
             fraction = 1.0
+        elif scale == 0.0:  # the arguments are not finite: nor is what is made of them
+            w[:] = nan
+            x[:] = nan
+            break
         else:
             fraction /= 2
             if not fraction > LEAST_FRACTION:

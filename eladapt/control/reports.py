@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from eladapt.errors import ArgumentError
-from eladapt.estimation import kernels
-from eladapt.estimation.extensions import Information
 from eladapt.estimation.friction import FrictionEstimate, estimate_friction
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 
@@ -23,7 +21,7 @@ def friction(controller: Any, state: Any) -> FrictionEstimate:
     Raises ArgumentError where the controller has no friction columns.
     """
     return estimate_friction(
-        controller.regressors, completed(state.parameters, state.information), state.information,
+        controller.regressors, state.information.completed(state.parameters), state.information,
         **_scatter(controller),
     )  # fmt: skip
 
@@ -42,8 +40,8 @@ def payload(controller: Any, state: Any, frame: str | None = None) -> PayloadEst
     regressors = controller.regressors
     known = change.before
     seen_before, seen = known.information, state.information
-    before = completed(known.parameters, seen_before)
-    after = completed(state.parameters, seen)
+    before = seen_before.completed(known.parameters)
+    after = seen.completed(state.parameters)
     scatter = _scatter(controller)
     variance = scatter["alpha"] * scatter["correlation"] * seen.variance
     return estimate_payload(
@@ -58,17 +56,8 @@ def carried(controller: Any, state: Any, frame: str | None = None) -> PayloadEst
     The estimate less the URDF's parameters, where it was excited; right if the URDF's masses are.
     """
     regressors, seen = controller.regressors, state.information
-    theta = completed(state.parameters, seen)
+    theta = seen.completed(state.parameters)
     return estimate_payload(regressors, regressors.theta, theta, seen, floor=SEEN * seen.prior, frame=frame)
-
-
-def completed(theta: np.ndarray, information: Information) -> np.ndarray:
-    """theta (l,) by least squares where it was excited, as ``theta`` says where it was not.
-
-    An adaptive estimate still follows in directions that are known a little; a load's centre of mass may
-    hang on them (panda, after the move that a 2 kg load makes: off by 4 mm, completed by 1e-9 m).
-    """
-    return theta + kernels.prediction_error(information.triangle, information.prior, theta)
 
 
 def _scatter(controller: Any) -> dict[str, float]:

@@ -105,6 +105,12 @@ class CompositeLaw:
         moved = estimate + flow(theta[start:] - estimate, rate, self.b, dt)
         return np.concatenate([theta[:start], moved])
 
+    def check_bounds(self, n_potential: int) -> None:
+        """Raises ArgumentError for bounds of another number of parameters."""
+        bounds = self.bounds
+        if isinstance(bounds, np.ndarray) and bounds.ndim > 1 and len(bounds) != n_potential:
+            raise ArgumentError(f"bounds: expected a scalar or ({n_potential},), got {len(bounds)} of them")
+
     def bounded(self, theta: np.ndarray, n_potential: int) -> np.ndarray:
         """theta (l,) with theta_U, its last block, projected on the bounds."""
         if self.bounds is None:

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from eladapt.errors import require_number
-from eladapt.estimation import kernels
 from eladapt.estimation.extensions import Information
 from eladapt.signals import Regression
 
@@ -101,8 +100,8 @@ def surprise(information: Information, regression: Regression, parameters: np.nd
     The prior in the triangle is no knowledge: a row counts when the data tell `TOLD` of its direction.
     """
     y, omega = regression
-    told = kernels.told(information.triangle, information.prior, omega)
+    told = information.told(omega)
     if not np.any(told > TOLD):
         return 0.0
-    known = parameters + kernels.prediction_error(information.triangle, information.prior, parameters)
+    known = information.completed(parameters)
     return float(np.sum(np.where(told > TOLD, y - omega @ known, 0.0) ** 2))

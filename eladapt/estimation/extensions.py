@@ -18,6 +18,7 @@ from eladapt.estimation import kernels
 from eladapt.signals import Regression
 
 UNKNOWN = np.zeros(0)
+EXCITED = 1e-9  # of the largest singular value: a direction with less is not excited
 
 
 class Information(NamedTuple):
@@ -51,6 +52,22 @@ class Information(NamedTuple):
     def variance(self) -> float:
         """Mean square of what theta does not explain of a row; nan before the first."""
         return float(self.triangle[-1, -1] ** 2 / self.weight) if self.weight > 0 else math.nan
+
+    def told(self, rows: np.ndarray) -> np.ndarray:
+        """(m,) from 0 to 1, how much of each combination of parameters, a row c (m, l), the data tell: 1 -
+        prior c'F c / c'c; 0 without a prior, since nothing says what is little."""
+        if self.prior == 0:
+            return np.zeros(len(rows))
+        square = np.sum(rows**2, axis=1)
+        share = self.prior * kernels.variances(self.triangle, rows) / np.where(square > 0, square, 1.0)
+        return np.where(square > 0, 1 - share, 0.0)
+
+    def completed(self, theta: np.ndarray) -> np.ndarray:
+        """theta (l,) by least squares where it was excited, as ``theta`` says where it was not."""
+        if self.prior > 0:
+            return theta + kernels.prediction_error(self.triangle, self.prior, theta)
+        upper, t = self.triangle[:-1, :-1], self.triangle[:-1, -1]
+        return theta + np.linalg.lstsq(upper, t - upper @ theta, rcond=EXCITED)[0]
 
 
 @dataclass(frozen=True)

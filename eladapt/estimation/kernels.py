@@ -366,17 +366,11 @@ def direct_term(
     return after
 
 
-@kernel(MATRIX, SCALAR, MATRIX)
-def told(triangle: np.ndarray, prior: float, rows: np.ndarray) -> np.ndarray:
-    """(m,) from 0 to 1, how much of each combination of parameters, a row (m, l), the data tell: 1 - prior
-    c'F c / c'c."""
-    m, n = rows.shape
-    result = np.zeros(m)
-    for i in range(m):
-        square = 0.0
-        for k in range(n):
-            square += rows[i, k] * rows[i, k]
-        if square > 0.0:
-            x = rows[i].copy()
-            result[i] = 1 - prior * solve_transposed(triangle, x) / square
+@kernel(MATRIX, MATRIX)
+def variances(triangle: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(m,) c'F c of combinations of parameters, rows c (m, l), F = (T'T)^-1."""
+    result = np.empty(len(rows))
+    for i in range(len(rows)):
+        x = rows[i].copy()
+        result[i] = solve_transposed(triangle, x)
     return result

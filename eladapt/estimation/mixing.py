@@ -132,20 +132,22 @@ class Unmixed:
 
 
 @dataclass(frozen=True)
-class Determinant:
-    """delta = det Phi (488), (832), as the paper has it; by logarithms, without adjugate."""
+class _Scalar:
+    """One number for all parameters, which then move each for itself."""
 
     scope: Scope = "potential"
 
     def __post_init__(self) -> None:
         _require_scope(self.scope)
 
+    def delta(self, gates: np.ndarray) -> float:
+        """Of the eigenvalues of Phi."""
+        raise NotImplementedError
+
     def mix(self, information: Information, n_potential: int) -> MixedRegression:
         """Scalar regressions with one common delta."""
         estimate, gates, basis = spectrum(information, n_potential, self.scope)
-        with np.errstate(divide="ignore"):
-            log_delta = np.sum(np.log(gates))
-        delta = float(np.exp(np.clip(log_delta, -LOG_LIMIT, LOG_LIMIT)) * np.all(gates > 0))
+        delta = self.delta(gates)
         return MixedRegression(delta * (basis @ estimate), delta)
 
     def follow(
@@ -160,29 +162,23 @@ class Determinant:
 
 
 @dataclass(frozen=True)
-class SmallestEigenvalue:
+class Determinant(_Scalar):
+    """delta = det Phi (488), (832), as the paper has it; by logarithms, without adjugate."""
+
+    def delta(self, gates: np.ndarray) -> float:
+        """det Phi."""
+        with np.errstate(divide="ignore"):
+            log_delta = np.sum(np.log(gates))
+        return float(np.exp(np.clip(log_delta, -LOG_LIMIT, LOG_LIMIT)) * np.all(gates > 0))
+
+
+@dataclass(frozen=True)
+class SmallestEigenvalue(_Scalar):
     """delta = lambda_min(Phi): the same regression, not shrunk by the product of all factors."""
 
-    scope: Scope = "potential"
-
-    def __post_init__(self) -> None:
-        _require_scope(self.scope)
-
-    def mix(self, information: Information, n_potential: int) -> MixedRegression:
-        """Scalar regressions with one common delta."""
-        estimate, gates, basis = spectrum(information, n_potential, self.scope)
-        delta = float(gates.min(initial=1.0))
-        return MixedRegression(delta * (basis @ estimate), delta)
-
-    def follow(
-        self, law: CompositeLaw, information: Information, theta: np.ndarray, n_potential: int, dt: float
-    ) -> np.ndarray:
-        """theta (l,) after dt [s], parameter by parameter."""
-        return law.scalar_flow(theta, self.mix(information, n_potential), dt)
-
-    def gate(self, law: CompositeLaw, information: Information, n_potential: int) -> float:
-        """zeta_1 (476c), in [0, 1)."""
-        return float(zeta_1(float(self.mix(information, n_potential).gain), law.b, law.d))
+    def delta(self, gates: np.ndarray) -> float:
+        """lambda_min(Phi)."""
+        return float(gates.min(initial=1.0))
 
 
 def _require_scope(scope: str) -> None:

@@ -31,6 +31,7 @@ LEAST_STIFFNESS = 0.3
 LEAST_SLIDING = 5e-3  # [rad/s]: five times a velocity noise that nobody told
 MOST_PUSH = 1000.0  # [rad/s^2] by which a disturbance estimate may throw a link that has no rotor
 IDEAL = Hardware()
+MAY_BE_ZERO = ("rotors", "D_L", "floor", "stiction_speed", "tolerance", "still_speed")
 LEAST_PRIOR, PRIOR_OF_NOISE = 1e-10, 0.01
 FLOOR_SAMPLES = 20  # configurations over which the information that noise makes is taken
 
@@ -62,7 +63,8 @@ class Gains:
     stiction_speed: float  # [rad/s] a slower joint may stick
     Gamma: float
     Upsilon: float
-    disturbance_limit: np.ndarray  # [N m] of the disturbance estimate, in a joint that moves
+    disturbance_limit: np.ndarray  # [N m] of the disturbance estimate
+    moving_limit: np.ndarray  # [N m] of the same in a joint that moves
     memory: np.ndarray  # [s] of the disturbance estimate
     tolerance: float  # [rad] within which, and
     still_speed: float  # [rad/s] below which a joint has arrived
@@ -119,7 +121,7 @@ def derive_gains(
         """The given gain if there is one, else the derived one; either is entered in the table."""
         if name in given:
             size = robot.nv if np.ndim(derived) else None
-            checked = require_gain(name, given[name], size)
+            checked = require_gain(name, given[name], size, zero=name in MAY_BE_ZERO)
             derived = checked if size else float(checked)
             rule, active = "given by the caller", "given"
         rules.append(Rule(name, _short(derived), rule, active))
@@ -171,10 +173,12 @@ def derive_gains(
         max(LEAST_SLIDING, 5 * noisy_speed),
         f"max({LEAST_SLIDING:g} rad/s, 5 s_v): below it a joint may stick, or v be noise",
     )
-    disturbance_limit = settle(
-        "disturbance_limit", np.minimum(0.5 * limit, MOST_PUSH * bodies),
-        f"min(0.5 effort, max M {MOST_PUSH:g} rad/s^2) above 0.3 rad/s, else 0.5 effort",
-    )  # fmt: skip
+    disturbance_limit = settle("disturbance_limit", 0.5 * limit, "0.5 effort")
+    moving_limit = settle(
+        "moving_limit",
+        MOST_PUSH * bodies,
+        f"max M {MOST_PUSH:g} rad/s^2: beside its friction, of a joint that moves",
+    )
     memory = settle("memory", np.maximum(0.01, 2 * horizon), "max(0.01 s, 2 horizon)")
     noisy = noisy_speed > 0 or float(np.max(hardware.position_noise)) > 0
     tolerance = settle(
@@ -182,14 +186,15 @@ def derive_gains(
         "5e-6 rad without noise; with noise 0: an estimate that stops and goes drifts",
     )  # fmt: skip
     still_speed = settle("still_speed", max(1e-5, 3 * noisy_speed), "max(1e-5 rad/s, 3 s_v)")
-    Gamma = settle("Gamma", *_adaptation_gain(regressors, dt, hardware.delay))
+    found = (0.0, "", "") if "Gamma" in given else _adaptation_gain(regressors, dt, hardware.delay)
+    Gamma = settle("Gamma", *found)
     # |theta_U| is about max |g| in scaled columns: its fractional term arrives within about 0.3 s.
     rate = np.sqrt(3 * max(gravity.max(), 1e-3)) / 0.045
     Upsilon = settle("Upsilon", rate / Gamma, "Gamma Upsilon = sqrt(3 max|g|) / 0.045: arrives within 0.3 s")
     _require_resolved(fall_mode(robot), dt, hardware.delay, "gravity changes")
     return Gains(
         P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, stiction_speed, Gamma, Upsilon,
-        disturbance_limit, memory, tolerance, still_speed, tuple(rules),
+        disturbance_limit, moving_limit, memory, tolerance, still_speed, tuple(rules),
     )  # fmt: skip
 
 
@@ -248,4 +253,5 @@ def _by_joint(robot: Robot, masks: Mapping[str, np.ndarray]) -> str:
 
 
 def _short(value: Any) -> str:
-    return np.array2string(np.asarray(value), precision=3, separator=", ", max_line_width=200)
+    array = np.asarray(value, dtype=float)
+    return f"[{', '.join(f'{x:.3g}' for x in array)}]" if array.ndim else f"{array:.3g}"

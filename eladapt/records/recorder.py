@@ -17,6 +17,7 @@ carried (reviewed)        (5,)    the load's mass [kg], its centre [m], and the 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,7 +27,7 @@ from eladapt.errors import ArgumentError, UnknownNameError
 from eladapt.records.description import describe, describe_plant, versions
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.robot.protocols import BareController, recorded_by, truth_of
+from eladapt.robot.protocols import BareController, Rubbing, recorded_by, truth_of
 from eladapt.signals import Reference
 
 SAMPLED = ("parameters", "theta", "delta", "zeta", "zeta_integral", "level", "innovation")
@@ -107,11 +108,12 @@ class Recorder:
 
     def _truth(self, t: np.ndarray, size: int) -> tuple[np.ndarray | None, np.ndarray | None]:
         """What the parameters should be at the end (l,), and at t (N,) where a load changes it (N, l)."""
-        known, load = truth_of(self.plant)
-        bare = self._recorded.true_parameters(self.robot.model) if known and size else None
+        known, load, rubbing = truth_of(self.plant)
+        arm = self.robot if rubbing is None else _with_friction(self.robot, rubbing)
+        bare = self._recorded.true_parameters(arm.model) if known and size else None
         if bare is None or load is None:
             return bare, None
-        loaded = self._recorded.true_parameters(load.loaded(self.robot))
+        loaded = self._recorded.true_parameters(load.loaded(arm))
         if loaded is None:
             return None, None
         held = np.array([load.held(time) for time in t])
@@ -128,6 +130,13 @@ class Recorder:
             for name, values in found.items():
                 rows.setdefault(name, []).append(np.array([t, *values]))
         return {name: np.array(some) for name, some in rows.items()}
+
+
+def _with_friction(robot: Robot, rubbing: Rubbing) -> Robot:
+    """The robot with the friction that acts on it."""
+    model, nothing = robot.model.copy(), np.zeros(robot.nv)
+    model.damping, model.friction = nothing + rubbing.viscous, nothing + rubbing.coulomb
+    return dataclasses.replace(robot, model=model)
 
 
 def _named(given: Mapping[str, np.ndarray], legal: tuple[str, ...], where: str) -> Mapping[str, np.ndarray]:

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.errors import ArgumentError, UnknownNameError
-from eladapt.robot.model import Robot
 
 JOINT_TERMS = ("rotor", "viscous", "coulomb", "offset")
 # While a joint moves one way, Coulomb friction, an offset and gravity look alike. Smaller columns make the
@@ -38,9 +38,11 @@ def in_order(names: str | Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in JOINT_TERMS if name in given)
 
 
-def nominal(robot: Robot, term: str) -> np.ndarray:
+def nominal(model: pin.Model, term: str) -> np.ndarray:
     """(nv,) what the URDF says: damping [N m s/rad], friction [N m], and offsets of 0."""
-    return {"viscous": robot.damping, "coulomb": robot.friction, "offset": np.zeros(robot.nv)}[term]
+    if term == "offset":
+        return np.zeros(model.nv)
+    return np.array(model.damping if term == "viscous" else model.friction)
 
 
 def column_scale(term: str, velocity: np.ndarray) -> np.ndarray:

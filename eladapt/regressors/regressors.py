@@ -107,6 +107,11 @@ class Regressors:
         )
 
     @property
+    def robot_parameters(self) -> np.ndarray:
+        """(s,) the URDF's standard parameters: ten a body, then the rotors."""
+        return self._standard.parameters
+
+    @property
     def rank_gap(self) -> float:
         """By which factor the singular values drop behind the rank of the base."""
         return self.basis.rank_gap
@@ -122,11 +127,7 @@ class Regressors:
     @property
     def theta(self) -> np.ndarray:
         """(l,) the nominal parameters, those of the URDF."""
-        theta = np.empty(len(self))
-        theta[self.inertial] = self.basis.projection @ self._standard.parameters
-        for name in self._friction_terms:
-            theta[self.block(name)] = terms.nominal(self.robot, name)
-        return self.scale * theta
+        return self.theta_of(self.robot.model)
 
     def block(self, name: str) -> slice:
         """Where "viscous", "coulomb" or "offset" stands in theta: nv parameters, or none if not asked for.
@@ -146,19 +147,17 @@ class Regressors:
         return slice(self.n_inertial, self.n_inertial + self.n_friction)
 
     def theta_of(self, model: pin.Model) -> np.ndarray:
-        """(l,) the parameters of another model of the same arm, as one with a load is; rotors, friction
-        and offsets are this robot's. Raises ArgumentError for a model with other joints."""
+        """(l,) the parameters of another model of the same arm, as one with a load is: its bodies, rotors
+        (armature), damping and friction; no offsets. Raises ArgumentError for a model with other joints."""
         if list(model.names) != list(self.robot.model.names):
             raise ArgumentError(
                 f"model: expected the joints {list(self.robot.model.names)}, got {list(model.names)}"
             )
-        standard = self._standard.parameters.copy()
-        bodies = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
-        change = np.zeros_like(standard)
-        change[: 10 * len(bodies)] = np.concatenate(bodies) - standard[: 10 * len(bodies)]
-        theta = self.theta
-        theta[self.inertial] += self.scale[self.inertial] * (self.basis.projection @ change)
-        return theta
+        theta = np.empty(len(self))
+        theta[self.inertial] = self.basis.projection @ self._standard.parameters_of(model)
+        for name in self._friction_terms:
+            theta[self.block(name)] = terms.nominal(model, name)
+        return self.scale * theta
 
     @property
     def theta_potential(self) -> np.ndarray:

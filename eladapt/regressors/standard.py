@@ -36,8 +36,12 @@ class StandardRegressors:
     @property
     def parameters(self) -> np.ndarray:
         """(s,) the values in the URDF."""
-        bodies = [inertia.toDynamicParameters() for inertia in list(self.robot.model.inertias)[1:]]
-        return np.concatenate([*bodies, self.robot.armature[self.rotors]])
+        return self.parameters_of(self.robot.model)
+
+    def parameters_of(self, model: pin.Model) -> np.ndarray:
+        """(s,) of a model with the same joints."""
+        bodies = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
+        return np.concatenate([*bodies, np.array(model.armature)[self.rotors]])
 
     @property
     def absent(self) -> np.ndarray:

@@ -105,23 +105,34 @@ class Load(Protocol):
     def loaded(self, robot: Robot) -> pin.Model: ...
 
 
+class Rubbing(Protocol):
+    """Friction of joints; scalars or (nv,)."""
+
+    @property
+    def viscous(self) -> Any: ...
+    @property
+    def coulomb(self) -> Any: ...
+
+
 class Truth(NamedTuple):
     """What a plant tells of itself to whoever compares estimates with it."""
 
     known: bool  # whether it is the robot's own model, and the load
     load: Load | None
+    rubbing: Rubbing | None  # friction that acts, None: that of the robot's own model
 
 
 def truth_of(plant: Any) -> Truth:
     """The truth about a plant, or about the one inside what stands around it (``plant.plant``).
 
     A plant need not say anything: one without ``payload`` carries none, and one without ``knows_parameters``
-    has the robot's own model. Of no plant at all, as of a real robot, nothing is known.
+    or ``rubbing`` has the robot's own model, or its friction. Of no plant at all, as of a real robot, nothing
+    is known.
     """
     while (inner := getattr(plant, "plant", None)) is not None:
         plant = inner
     known = plant is not None and bool(getattr(plant, "knows_parameters", True))
-    return Truth(known, getattr(plant, "payload", None))
+    return Truth(known, getattr(plant, "payload", None), getattr(plant, "rubbing", None))
 
 
 def handed_on(goal: Reference) -> Goal:

@@ -11,7 +11,7 @@ import numpy as np
 
 from eladapt.errors import ArgumentError, require_number
 from eladapt.robot.model import Robot
-from eladapt.robot.protocols import Load, Plant, truth_of
+from eladapt.robot.protocols import Load, Plant, Rubbing, truth_of
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import Noise
 from eladapt.simulation.plants import NoiseModel
@@ -34,6 +34,11 @@ class _Wrapper:
     def payload(self) -> Load | None:
         """The load of the arm inside."""
         return truth_of(self.plant).load
+
+    @property
+    def rubbing(self) -> Rubbing | None:
+        """The friction of the arm inside."""
+        return truth_of(self.plant).rubbing
 
     @property
     def knows_parameters(self) -> bool:

@@ -160,6 +160,12 @@ class MujocoPlant:
         rotors = self.armature is None or np.array_equal(self.armature, self.robot.armature)
         return self.mjcf is None and rotors
 
+    @property
+    def rubbing(self) -> Friction:
+        """The friction that acts, with the URDF's; of another's model it is not told."""
+        viscous = self.joint_friction * self.robot.damping + self.friction.viscous
+        return Friction(viscous, self.joint_friction * self.robot.friction + self.friction.coulomb)
+
     def mass_matrix(self, q: np.ndarray, t: float = 0.0) -> np.ndarray:
         """MuJoCo's M(q) (nv, nv) in the robot's joint order, with the load if it is held at t."""
         return self._evaluate(q, np.zeros(self.robot.nv), t)[0]

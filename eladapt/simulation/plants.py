@@ -66,6 +66,11 @@ class PinocchioPlant:
     def __repr__(self) -> str:
         return described(self)
 
+    @property
+    def rubbing(self) -> Friction:
+        """The friction that acts: what the URDF says of it does not."""
+        return self.friction
+
     def reset(self) -> Measurement:
         """Back to the initial state, with the noise from its seed."""
         self._rng = np.random.default_rng(self.seed)

@@ -7,7 +7,6 @@ import pytest
 from shared import DT, closed_loop, load, regressors
 
 import eladapt as ea
-from eladapt.control.reports import completed
 from eladapt.errors import ArgumentError
 from eladapt.estimation.extensions import Information
 from eladapt.signals import Regression
@@ -222,13 +221,13 @@ def made_of_rest(block, extension, seconds: float) -> float:
     for measurement in measurements[1:]:
         state, regression = block.step(state, measurement, DT)
         information = extension.step(information, regression, DT)
-    before, learned = information, completed(np.zeros(len(reg)), information)
+    before, learned = information, information.completed(np.zeros(len(reg)))
     state, tau = block.init(rest._replace(v=np.zeros(7))), robot.gravity(rest.q)
     for k in range(round(seconds / DT)):
         noisy = ea.Measurement(rest.t + (k + 1) * DT, rest.q, 1e-3 * rng.normal(size=7), tau)
         state, regression = block.step(state, noisy, DT)
         information = extension.step(information, regression, DT)
-    moved = (completed(learned, information) - completed(learned, before))[-reg.n_potential :]
+    moved = (information.completed(learned) - before.completed(learned))[-reg.n_potential :]
     postures = [robot.random_configuration(rng) for _ in range(50)]
     largest = np.abs([robot.gravity(q) for q in postures]).max()
     return float(np.abs([reg.gravity(q) @ moved for q in postures]).max() / largest)

@@ -102,8 +102,8 @@ def test_what_is_true_is_told_by_the_plant_inside():
     robot = load("two_link")
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), payload=0.2)
     wrapped = Delay(Encoders(plant), 0.002)
-    assert truth_of(wrapped) == truth_of(plant) == (True, plant.payload)
-    assert truth_of(None) == (False, None)
+    assert truth_of(wrapped) == truth_of(plant) == (True, plant.payload, plant.friction)
+    assert truth_of(None) == (False, None, None)
     plant.knows_parameters = False
     controller = ea.CompositeController.for_robot(robot)
     record = run(controller, wrapped)

@@ -157,3 +157,23 @@ def test_a_loaded_record_survives_saving(tmp_path):
 def test_parameters_of_another_arm_are_refused():
     with pytest.raises(ArgumentError, match="model: expected the joints"):
         ea.Regressors(load("two_link")).theta_of(load("panda").model)
+
+
+def test_the_true_friction_is_the_plants():
+    """TALOS' URDF has joint friction: Pinocchio's plant does not apply it, MuJoCo's does and adds the
+    caller's."""
+    robot = load("talos_left_arm")
+    assert robot.friction.any()
+    q0 = robot.configuration(robot.home)
+    rub = ea.Friction(viscous=0.3, coulomb=0.2)
+    reg = ea.CompositeController.for_robot(robot).regressors
+    for plant, viscous, coulomb in (
+        (ea.PinocchioPlant(robot, q0, friction=rub), 0.3, 0.2),
+        (ea.MujocoPlant(robot, q0, friction=rub), robot.damping + 0.3, robot.friction + 0.2),
+    ):
+        controller = ea.CompositeController.for_robot(robot)
+        record = ea.simulate(controller, plant, q0, 0.01, progress=False)
+        for name, value in (("viscous", viscous), ("coulomb", coulomb)):
+            block = reg.block(name)
+            true = record.parameters_true[block] / reg.scale[block]
+            np.testing.assert_allclose(true, np.broadcast_to(value, robot.nv), rtol=1e-12)

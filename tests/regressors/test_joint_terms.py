@@ -111,7 +111,7 @@ def test_nominal_values_are_the_urdfs():
 
 
 def test_theta_of_a_loaded_arm_differs_in_its_bodies_only(arm, rng):
-    """W theta_of(loaded) is the loaded arm's torque, with this arm's friction."""
+    """W theta_of(loaded) is the loaded arm's torque, with its friction, which the load leaves as it was."""
     reg = regressors(arm.name, "shared", ALL)
     model = arm.model.copy()
     model.inertias[arm.nv].mass += 2.0
