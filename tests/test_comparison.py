@@ -105,3 +105,22 @@ def test_terminal_reference_is_finite_at_the_goal():
 def test_gains_outside_their_range_are_refused(name, options, said):
     with pytest.raises(ArgumentError, match=said):
         dataclasses.replace(ea.paper.controller(name), **options)
+
+
+@pytest.mark.parametrize("kind", [ea.SlotineLi, ea.TerminalSliding])
+def test_a_buffer_that_is_used_again_changes_nothing(kind):
+    """A driver may hand over the same arrays every time."""
+    robot = load("two_link")
+    controller, goal, zero = kind.for_robot(robot), robot.configuration(robot.target), np.zeros(2)
+
+    def run(fresh: bool) -> np.ndarray:
+        q, v = robot.configuration([0.1, 0.2]).copy(), np.array([0.3, -0.2])
+        state = controller.init(ea.Measurement(0.0, q.copy() if fresh else q, v.copy() if fresh else v, zero))
+        for k in range(1, 5):
+            q += 1e-3 * v
+            v += 1e-2
+            sample = (q.copy(), v.copy()) if fresh else (q, v)
+            state, _ = controller.step(state, ea.Measurement(1e-3 * k, *sample, zero), goal, 1e-3)
+        return state.regression.omega
+
+    np.testing.assert_array_equal(run(fresh=False), run(fresh=True))

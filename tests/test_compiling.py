@@ -54,3 +54,10 @@ def test_it_works_where_no_cache_can_be_written():
     done = python(NOWHERE + LOOPS)
     assert done.stdout.split() == ["True"] * 3
     assert "NUMBA_CACHE_DIR" in done.stderr
+
+
+def test_it_runs_uncompiled():
+    """For a debugger: the same source, interpreted."""
+    short = LOOPS.replace("0.2", "0.003").replace("attach=0.05", "attach=0.001")
+    done = python(short.split("again =")[0] + "print(len(KERNELS))", NUMBA_DISABLE_JIT="1")
+    assert done.stdout.split() == ["0"]

@@ -244,7 +244,8 @@ class LyapunovFunctions:
     ) -> np.ndarray:  # fmt: skip
         """Time derivative along the closed loop (476) of V_0, V_1, V_A1 or V_FT; zeta: zeta_1 (...).
 
-        Of an unmixed law, for which zeta is `Unmixed.gate`, it is a bound from above.
+        Of an unmixed law, for which zeta is `Unmixed.gate`, it is a bound from above. (476) knows neither
+        friction nor offsets nor a disturbance estimate: the bound is that of a controller and an arm without.
         That of V_FT has |e_1|^(2 r_2 / r_1) before the feedback, where the proof prints power a.
         """
         require_name(name, ("V_0", "V_1", "V_A1", "V_FT"))
@@ -254,7 +255,7 @@ class LyapunovFunctions:
             spring = control.P * signed_power(e1, control.a)
             return np.sum(e2 * (feedback + spring), axis=-1)
         if self.vector:
-            indirect = float(np.max(law.Upsilon)) * np.linalg.norm(theta_error, axis=-1) ** (1 + law.b)
+            indirect = float(np.min(law.Upsilon)) * np.linalg.norm(theta_error, axis=-1) ** (1 + law.b)
         else:
             indirect = np.sum(law.Upsilon * np.abs(theta_error) ** (1 + law.b), axis=-1)
         rate = -(law.gamma1 + law.gamma2) * (decay(law, control, e1, e2, terms) + zeta * indirect)

@@ -259,3 +259,12 @@ def test_an_evaluation_that_is_cut_short_is_still_the_law(problem):
         missing, size = momenta(problem, end)
         assert np.linalg.norm(missing) <= before + 1e-12 * size
         before = np.linalg.norm(missing)
+
+
+@pytest.mark.parametrize("where", ["e1", "e2", "M"])
+def test_nan_in_is_nan_out(where):
+    """Feedback that cannot be computed is not zero feedback."""
+    given = {"e1": np.array([0.1, 0.2]), "e2": np.zeros(2), "M": np.eye(2)}
+    given[where].flat[0] = np.nan
+    tau = ea.FiniteTimePD(1.0, 1.0).torque(given["e1"], given["e2"], given["M"], 1e-3)
+    assert np.isnan(tau).all()

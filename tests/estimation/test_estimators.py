@@ -8,6 +8,7 @@ from shared import DT, closed_loop, load, regressors
 
 import eladapt as ea
 from eladapt.errors import ArgumentError
+from eladapt.estimation.change import surprise
 from eladapt.estimation.extensions import Information
 from eladapt.signals import Regression
 
@@ -262,3 +263,16 @@ def test_rest_in_noise_costs_nothing():
 def test_settings_outside_their_range_are_refused(make, said):
     with pytest.raises(ArgumentError, match=said):
         make()
+
+
+def test_what_was_excited_is_completed_without_a_prior_too():
+    """Kreisselmeier's R theta = s is solved where it can be, and theta kept elsewhere; a change that is none
+    raises no alarm."""
+    rng, block = np.random.default_rng(0), ea.Kreisselmeier()
+    true, start = rng.normal(size=(2, 6))
+    information = block.init(6)
+    for _ in range(300):
+        omega = rng.normal(size=(2, 6)) * [1, 1, 1, 1, 0, 0]
+        information = block.step(information, ea.Regression(omega @ true, omega), 1e-2)
+    np.testing.assert_allclose(information.completed(start), [*true[:4], *start[4:]], atol=1e-9)
+    assert surprise(information, ea.Regression(omega @ true, omega), start) == 0

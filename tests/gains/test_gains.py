@@ -145,3 +145,17 @@ def test_fall_mode_of_a_pendulum():
     jacobian = np.array([[0.981 + 5.886, 0.981], [0.981, 0.981]])
     bottom = np.sqrt(np.linalg.eigvals(np.linalg.solve(robot.mass_matrix(q), jacobian)).max())
     assert one.frequency >= 0.9 * bottom
+
+
+def test_zeros_that_mean_something_are_taken():
+    """No rotor believed, no linear damping, no floor, no tolerance."""
+    zeros = dict.fromkeys(("rotors", "D_L", "floor", "tolerance"), 0.0)
+    gains = ea.CompositeController.for_robot(load("two_link"), **zeros).gains
+    assert not any(np.any(getattr(gains, name)) for name in zeros)
+
+
+def test_the_weight_of_rows_is_no_limit_of_torque():
+    """However rows are weighted, a disturbance is believed up to half of the effort limit."""
+    robot, make = load("two_link"), ea.CompositeController.for_robot
+    default, weighted = make(robot), make(robot, row_weight=1.0)
+    np.testing.assert_array_equal(weighted.disturbance.limit, default.disturbance.limit)
