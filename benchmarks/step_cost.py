@@ -105,7 +105,7 @@ def blocks(controller: ea.CompositeController, now: Situation) -> dict[str, Call
         "disturbance": lambda: controller._unexplained(state, measurement, regressor, DT),
         "inertia": lambda: (
             robot.mass_matrix(q, check=False),
-            controller.joints and controller.joints.inertia(theta, information),
+            controller.joints and controller.joints.inertia(theta, information, state.noise),
         ),
         "control law": lambda: controller.control.torque(e1, e2, mass, DT),
         "whole step": lambda: controller.step(state, measurement, goal, DT),

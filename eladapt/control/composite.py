@@ -30,6 +30,8 @@ from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement, MixedRegression, Reference, Regression
 
+NOISE_RATE = 5.0  # [1/s] at which the mean square of what theta leaves of the rows is forgotten
+
 
 @dataclass(frozen=True, eq=False)
 class CompositeController:
@@ -266,6 +268,10 @@ class CompositeController:
                 if self.joints:  # whatever changed, it was not the joints
                     inertia = self._joint_inertia(self.joints, state)
         theta = self.mixing.follow(self.law, information, theta, state.n_potential, dt)
+        noise = state.noise
+        if regression.omega.any():
+            left = regression.y - regression.omega @ theta
+            noise += min(1.0, NOISE_RATE * dt) * (left @ left / len(left) - noise)
         disturbance = state.disturbance
         if self.disturbance and disturbance is not None:
             residual, friction = self._unexplained(state, measurement, regressor, dt)
@@ -273,13 +279,13 @@ class CompositeController:
             disturbance = self.disturbance.step(disturbance, residual, friction, e1, measurement.v, still, dt)
         return ControllerState(
             measurement, self.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
-            information, change, disturbance, inertia,
+            information, change, disturbance, noise, inertia,
         )  # fmt: skip
 
     def _joint_inertia(self, joints: LearnedJoints, state: ControllerState) -> np.ndarray:
         """(nv,) [kg m^2] what is known of the joints now, or was before the last change."""
         before = 0.0 if state.inertia is None else state.inertia
-        return np.maximum(joints.inertia(state.parameters, state.information), before)
+        return np.maximum(joints.inertia(state.parameters, state.information, state.noise), before)
 
     def _descend(
         self, theta: np.ndarray, regressor: np.ndarray, measurement: Measurement, e1: np.ndarray,
@@ -300,11 +306,16 @@ class CompositeController:
         self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """(nv,) [N m] the torque that acted less W(q, v, a) theta, with the friction that is fed forward; and
-        the friction at v."""
+        how much more friction there is at v, as far as it is known."""
         _, q, v, tau = measurement
         moved = self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
-        columns = self.regressors.friction
-        friction = moved[:, columns] @ state.parameters[columns]
+        columns, friction = self.regressors.friction, np.zeros_like(v)
+        if self.joints:
+            rows = np.zeros_like(moved)
+            rows[:, columns] = moved[:, columns] - regressor[:, columns]
+            # A joint that has moved one way tells the sum of friction and offset alone.
+            rows[:, self.regressors.block("offset")] = moved[:, self.regressors.block("offset")]
+            friction = self.joints.surely(rows, state.parameters, state.information, state.noise)
         moved[:, columns] = regressor[:, columns]
         return tau - moved @ state.parameters, friction
 

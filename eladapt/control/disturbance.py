@@ -52,8 +52,9 @@ class DisturbanceEstimate:
     ) -> np.ndarray:  # fmt: skip
         """d (nv,) [N m] after a step of dt [s].
 
-        residual (nv,) [N m]: torque less model over the step; friction (nv,) [N m]: of the model, at v; e1
-        (nv,) [rad]; v (nv,) [rad/s]; still (nv,): which joints are to stand still.
+        residual (nv,) [N m]: torque less model over the step; friction (nv,) [N m]: how much more there is
+        at v than is fed forward, as far as it is known; e1 (nv,) [rad]; v (nv,) [rad/s]; still (nv,): which
+        joints are to stand still.
         """
         arrived = still & (np.abs(v) < self.slow) & (np.abs(e1) < self.tolerance)
         d = np.where(arrived, d, d - np.expm1(-dt / self.memory) * (residual - d))

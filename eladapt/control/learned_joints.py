@@ -14,6 +14,7 @@ from eladapt.regressors.regressors import Regressors
 # Of a change of theta, a rotor's part is the least change of standard parameters that makes it, a body's
 # parameter being this much less ready to change than a rotor inertia.
 BODY_EASE = 1e-3
+TINY = 1e-300
 SURE = 10.0  # an inertia counts as far as the data tell more than nine tenths of it
 # Where friction c is all that resists, u = s c (w - v) over a step leaves v <- s (w - v), e <- e + dt v with
 # w = -e/H: stable for s < 2 / (2 + dt/H), 0.72 at H = 1.3 dt. Well below that, for a rotor that is none.
@@ -44,24 +45,28 @@ class LearnedJoints:
         nv = self.regressors.robot.nv
         object.__setattr__(self, "largest", require_gain("largest", self.largest, nv, zero=True))
         object.__setattr__(self, "horizon", require_gain("horizon", self.horizon, nv, zero=True))
-        rows = np.vstack([self._rotor_rows(), self._viscous_rows()])
-        object.__setattr__(self, "_map", rows)
-        square = np.sum(rows**2, axis=1)
-        object.__setattr__(self, "_square", np.where(square > 0, square, 1.0))
+        object.__setattr__(self, "_map", np.vstack([self._rotor_rows(), self._viscous_rows()]))
         object.__setattr__(self, "_nominal", self.regressors.theta)
 
-    def inertia(self, theta: np.ndarray, information: Information) -> np.ndarray:
-        """(nv,) [kg m^2], never less than 0; theta (l,)."""
+    def inertia(self, theta: np.ndarray, information: Information, noise: float) -> np.ndarray:
+        """(nv,) [kg m^2], never less than 0; theta (l,); noise: mean square of what theta leaves of a row."""
         nv = self.regressors.robot.nv
-        if information.prior == 0 or information.weight == 0:
-            return np.zeros(nv)
-        change = self._map @ (theta - self._nominal)  # type: ignore[attr-defined]
-        variances = kernels.variances(information.triangle, self._map)  # type: ignore[attr-defined]
-        doubt = information.prior * variances / self._square  # type: ignore[attr-defined]
-        spread = np.sqrt(self.alpha * (2 / self.pole) * information.variance * variances)
-        known = change * np.maximum(0.0, 1 - SURE * doubt) - DEVIATIONS * spread
+        known = self.surely(self._map, theta - self._nominal, information, noise)  # type: ignore[attr-defined]
         rotor, viscous = np.maximum(known[:nv], 0.0), np.maximum(known[nv:], 0.0)
         return np.minimum(rotor, self.largest) + VISCOUS_SHARE * self.horizon * viscous
+
+    def surely(
+        self, rows: np.ndarray, theta: np.ndarray, information: Information, noise: float
+    ) -> np.ndarray:
+        """(m,) rows @ theta, nearer to zero by all that the data leave open; rows (m, l)."""
+        if information.prior == 0 or information.weight == 0:
+            return np.zeros(len(rows))
+        value, variances = rows @ theta, kernels.variances(information.triangle, rows)
+        square = np.maximum(np.einsum("ij,ij->i", rows, rows), TINY)
+        doubt = information.prior * variances / square
+        spread = np.sqrt(self.alpha * (2 / self.pole) * noise * variances)
+        size = np.abs(value) * np.maximum(0.0, 1 - SURE * doubt) - DEVIATIONS * spread
+        return np.copysign(np.maximum(size, 0.0), value)
 
     def _viscous_rows(self) -> np.ndarray:
         """(nv, l): viscous coefficients that a change of theta makes."""

@@ -119,14 +119,15 @@ def test_a_delay_that_is_told_does_no_harm():
 
 
 def test_noise_encoders_and_delay_together():
-    """The worst case without friction: below 1e-3 rad within 2 s, torque ripple below 10 N m."""
+    """The worst case without friction: below 1e-3 rad within 3 s (2.85; the horizon is 40 ms), torque ripple
+    below 4 N m (2.1)."""
     noise = ea.Noise(1e-4, 1e-3)
     record = panda(
-        lambda plant: NoisyReadings(Encoders(Delay(plant, 2e-3)), noise),
+        lambda plant: NoisyReadings(Encoders(Delay(plant, 2e-3)), noise), 3.5,
         position_noise=1.01e-4, velocity_noise=2.8e-3, velocity_lag=5e-3, delay=2e-3,
     )  # fmt: skip
-    assert record.settling_time(1e-3) < 2
-    assert np.ptp(record.tau[-200:], axis=0).max() < 10
+    assert record.settling_time(1e-3) < 3
+    assert np.ptp(record.tau[-200:], axis=0).max() < 4
     assert record.final_state.change.noticed == 0
 
 
