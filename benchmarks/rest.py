@@ -1,9 +1,10 @@
-"""An hour at rest in noise, then an hour of one joint swaying: does the arm still know itself?
+"""Long rest in noise, then one joint swaying for as long: does the arm still know itself?
 
-A panda with 2 kg at its tool, of which nobody told, learns them in moves. Then it rests for an hour, and one
-joint sways for another; the measurements carry 1e-4 rad and 1e-3 rad/s of noise, told or untold. Every minute
-the gravity that theta tells is compared with the arm's over 50 random postures. The same move before, between
-and after shows whether the torque jumps, and a load that comes after the hours is weighed by moves.
+A panda with 2 kg at its tool, of which nobody told, learns them in moves. Then it rests for an hour (--hour),
+and one joint sways for another; the measurements carry 1e-4 rad and 1e-3 rad/s of noise, told or untold.
+Every minute the gravity that theta tells is compared with the arm's over 50 random postures. The same move
+before, between and after shows whether the torque jumps, and a load that comes afterwards is weighed by
+moves.
 """
 
 from __future__ import annotations
@@ -139,7 +140,7 @@ def main() -> None:
         f"{MOVE:g} s; {SWAY:g} rad at {FREQUENCY:g} Hz of joint {JOINT + 1}. Gravity over {POSTURES} random "
         "postures, once a minute and at the end; errors of the true state."
     )
-    write(options.output, "An hour at rest in noise, and an hour of one joint swaying", head, rows, notes)
+    write(options.output, "Long rest in noise, and one joint swaying as long", head, rows, notes)
 
 
 if __name__ == "__main__":
