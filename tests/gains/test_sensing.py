@@ -119,8 +119,8 @@ def test_a_delay_that_is_told_does_no_harm():
 
 
 def test_noise_encoders_and_delay_together():
-    """The worst case without friction: below 1e-3 rad within 3 s (2.85; the horizon is up to 34 ms), torque ripple
-    below 4 N m (2.1)."""
+    """The worst case without friction: below 1e-3 rad within 3 s (2.85; the horizon is up to 34 ms), torque
+    ripple below 4 N m (2.1)."""
     noise = ea.Noise(1e-4, 1e-3)
     record = panda(
         lambda plant: NoisyReadings(Encoders(Delay(plant, 2e-3)), noise), 3.5,
