@@ -145,6 +145,7 @@ class _Loop:
         first = self.interface.read()
         self.began = first.t
         self.state = self.controller.init(first) if state is None else self._resumed(state, first)
+        self.recorder.reserve(self.state)
         self.pacer.restart()
 
     def _resumed(self, state: Any, first: Measurement) -> Any:
