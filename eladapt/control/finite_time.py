@@ -28,10 +28,9 @@ class FiniteTimePD:
     r1, r2: weights with 2 r2 > r1 > r2 > 0, a = (2 r2 - r1)/r1, b = (2 r2 - r1)/r2 (ExponeHom).
     linear: a = b = 1, Tomei's PD; r1 and r2 are not used.
     evaluation: "semi_implicit" (default), "slope_limited" or "explicit". The default measures best: on a
-        panda at rest at 1 kHz torque ripples by 1e-13 N m, 0.4 and 170, and 2e-16 rad, 1e-4 and 1e-4 of
-        error are left. So it is from 250 Hz to 4 kHz, and with 2 kg that M(q) does not know. With noise it
-        needs a fortieth of the explicit torque's deviation; against 1 N m of unknown friction all err by
-        2e-3 to 3e-2 rad (benchmarks/results/discretisation.md).
+        panda at rest at 1 kHz torque ripples by 1e-10 N m, 0.3 and 170, and 1e-7 rad, 6e-5 and 8e-5 of
+        error are left. So it is from 250 Hz to 4 kHz, and with 2 kg that M(q) does not know. Against 1 N m
+        of unknown friction it takes a disturbance estimate (benchmarks/results/discretisation.md).
     horizon: H [s] of the semi-implicit evaluation, the step by default; longer where noise asks
         for it, since the slope near rest is M/H.
 
