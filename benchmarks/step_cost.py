@@ -190,10 +190,12 @@ def earlier(checkout: Path, name: str) -> dict[str, float]:
 
 
 def talos_both_arms() -> ea.Robot:
-    """Fourteen joints."""
-    entry = library.entry("talos_left_arm")
-    locked = [name for name in entry.locked if not name.startswith("arm_right")]
-    return ea.Robot.from_urdf(entry.urdf, entry.package_dirs, locked, name="talos, both arms")
+    """Both arms of TALOS, 14 joints, all else locked."""
+    root = library.example_robot_data()
+    return ea.Robot.from_urdf(
+        root / "talos_data/robots/talos_reduced.urdf", [root, root.parent.parent],
+        ["leg*", "torso*", "head*", "gripper*"], name="talos, both arms",
+    )  # fmt: skip
 
 
 def main() -> None:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
+from eladapt.comparison.learns_all import LearnsAll
 from eladapt.control.blocks import CovarianceBlock, RegressionBlock
 from eladapt.control.starting import starting_parameters
 from eladapt.errors import require_gain, require_number
@@ -56,7 +56,7 @@ def linear_reference(e1: np.ndarray, e2: np.ndarray, K2: np.ndarray) -> SlidingR
 
 
 @dataclass(frozen=True, eq=False)
-class SlotineLi:
+class SlotineLi(LearnsAll):
     """tau = W_r theta - K1 s (AsymptoticAC), theta' = -P [W_r' s + w Omega' e_p] (LSSlotineLi).
 
     P follows (LSorginal): ``extension`` is `LeastSquares`, or `EulerLeastSquares`, as typeset. weight:
@@ -91,27 +91,10 @@ class SlotineLi:
         extension = LeastSquares(gains.alpha, gains.beta, gains.xi, gains.f0)
         return cls(regressors, regression, extension, gains.K1, gains.K2, gains.alpha, robot.effort_limit)
 
-    @property
-    def robot(self) -> Robot:
-        return self.regressors.robot
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        return self.regressors.labels
-
     def recorded(self, state: SlotineLiState) -> dict[str, Any]:
         """The whole estimate, and the level of what was excited where it is tracked."""
-        j = self.regressors.n_potential
-        kept = {"parameters": state.theta, "theta": state.theta[len(state.theta) - j :]}
+        kept = self.estimate(state.theta)
         return kept | {"level": state.level} if self.track else kept
-
-    def reviewed(self, state: SlotineLiState, frame: str | None) -> dict[str, np.ndarray]:
-        """Nothing."""
-        return {}
-
-    def true_parameters(self, model: pin.Model) -> np.ndarray:
-        """(l,) on an arm with this model. Raises ArgumentError for one with other joints."""
-        return self.regressors.theta_of(model)
 
     def init(self, measurement: Measurement, theta0: str | np.ndarray | None = None) -> SlotineLiState:
         """Filters at rest. theta0: "urdf", "zero" (also None), (l,), or (n_potential,) gravity's alone."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
+from eladapt.comparison.learns_all import LearnsAll
 from eladapt.comparison.slotine_li import SlidingReference, linear_reference
 from eladapt.control.blocks import ExtensionBlock, RegressionBlock
 from eladapt.control.proximal import signed_power
@@ -55,7 +55,7 @@ SLOW, FAST = AdaptationGain(0.001, 5000.0), AdaptationGain(1.0, 50.0)  # as give
 
 
 @dataclass(frozen=True, eq=False)
-class TerminalSliding:
+class TerminalSliding(LearnsAll):
     """tau = W_r theta - K1 s - K_s s/||s||, theta' = -Gamma W_r' s - Gamma k Phi_2' Theta/||Theta|| (63).
 
     Theta = Phi_2 theta - Phi_1. The terminal surface s = e2 + K2 |e1|^a sign(e1) is used while (795) is
@@ -105,27 +105,9 @@ class TerminalSliding:
             effort_limit=robot.effort_limit,
         )  # fmt: skip
 
-    @property
-    def robot(self) -> Robot:
-        return self.regressors.robot
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        return self.regressors.labels
-
     def recorded(self, state: TerminalSlidingState) -> dict[str, Any]:
         """The whole estimate and the smallest eigenvalue of Phi_2."""
-        j = self.regressors.n_potential
-        kept = {"parameters": state.theta, "theta": state.theta[len(state.theta) - j :]}
-        return kept | {"level": state.level}
-
-    def reviewed(self, state: TerminalSlidingState, frame: str | None) -> dict[str, np.ndarray]:
-        """Nothing."""
-        return {}
-
-    def true_parameters(self, model: pin.Model) -> np.ndarray:
-        """(l,) on an arm with this model. Raises ArgumentError for one with other joints."""
-        return self.regressors.theta_of(model)
+        return self.estimate(state.theta) | {"level": state.level}
 
     def init(self, measurement: Measurement, theta0: str | np.ndarray | None = None) -> TerminalSlidingState:
         """Filters at rest. theta0: "urdf", "zero" (also None), (l,), or (n_potential,) gravity's alone."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, UrdfError, require_number, require_vector
+from eladapt.errors import ArgumentError, UnknownNameError, UrdfError, require_number, require_vector
 from eladapt.robot import library
 from eladapt.robot.reading import (
     clipped_neutral,
@@ -173,8 +173,14 @@ class Robot:
         """(nv,) the URDF's Coulomb friction [N m]; no dynamics method applies it."""
         return np.array(self.model.upperDryFrictionLimit)
 
-    def configuration(self, x: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Joint coordinates (nv,) [rad or m] -> q (nq,)."""
+    def configuration(self, x: Sequence[float] | np.ndarray | Mapping[str, float]) -> np.ndarray:
+        """Joint coordinates (nv,) [rad or m], or one for each joint by name -> q (nq,)."""
+        if isinstance(x, Mapping):
+            if unknown := [name for name in x if name not in self.joint_names]:
+                raise UnknownNameError("joint", unknown, self.joint_names)
+            if missing := ", ".join(name for name in self.joint_names if name not in x):
+                raise ArgumentError(f"x: expected a coordinate for every joint, none is given for {missing}")
+            x = [x[name] for name in self.joint_names]
         return pin.integrate(self.model, pin.neutral(self.model), require_vector("x", x, self.nv))
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:

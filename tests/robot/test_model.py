@@ -201,3 +201,15 @@ def test_a_robot_of_hostile_names_is_still_told_in_a_line(tmp_path):
 def test_the_types_are_there_for_others():
     """A type checker reads the annotations of a library that has this file (PEP 561)."""
     assert (Path(ea.__file__).parent / "py.typed").is_file()
+
+
+def test_coordinates_by_name_are_those_in_order():
+    """In any order; a typo and a joint left out are said."""
+    robot = load("kinova")
+    x = np.linspace(-1, 1, robot.nv)
+    named = dict(reversed(list(zip(robot.joint_names, x, strict=True))))
+    np.testing.assert_array_equal(robot.configuration(named), robot.configuration(x))
+    with pytest.raises(UnknownNameError, match=f"'typo'; legal names: {robot.joint_names[0]}"):
+        robot.configuration({**named, "typo": 0.0})
+    with pytest.raises(ArgumentError, match=f"none is given for {robot.joint_names[0]}"):
+        robot.configuration({name: named[name] for name in robot.joint_names[1:]})
