@@ -41,10 +41,10 @@ def test_panda_reaches_its_goals_through_coulomb_friction():
 
 
 def test_panda_tells_its_friction():
-    """Within 5 % and three deviations in every joint after two moves, and known so in the wrist."""
+    """Within 0.1 % and three deviations in every joint after two moves, and known so in the wrist."""
     controller, state, _ = panda()
     estimate = ea.friction(controller, state)
-    np.testing.assert_allclose(estimate.coulomb, 1.0, rtol=0.05)
+    np.testing.assert_allclose(estimate.coulomb, 1.0, rtol=1e-3)
     assert np.all(np.abs(estimate.coulomb - 1.0) < 3 * estimate.std[1])
     assert estimate.known[1, 4:].all()
 

@@ -55,12 +55,13 @@ def move_on(noise: ea.Noise | None = None, release: float = np.inf):
 
 
 def test_a_move_weighs_a_load():
-    """Home with 2 kg that nobody told: mass within 0.2 %, place within 0.2 mm, and it is known for a load."""
+    """Home with 2 kg that nobody told: mass within 1e-5, place within a micrometre, and it is known for a
+    load."""
     controller, record = move_on()
     assert record.final_state.change.noticed == 1
     estimate = ea.payload(controller, record.final_state)
-    assert estimate.mass == pytest.approx(2.0, rel=2e-3)
-    np.testing.assert_allclose(estimate.com, COM, atol=2e-4)
+    assert estimate.mass == pytest.approx(2.0, rel=1e-5)
+    np.testing.assert_allclose(estimate.com, COM, atol=1e-6)
     assert estimate.is_load
     assert "no load" not in str(estimate)
     carried = ea.carried(controller, record.final_state)
@@ -73,7 +74,7 @@ def test_a_load_that_goes_is_a_negative_one():
     change = record.final_state.change
     assert change.noticed == 2
     assert 4.5 < change.t < 4.53
-    assert ea.payload(controller, record.final_state).mass == pytest.approx(-2.0, rel=1e-2)
+    assert ea.payload(controller, record.final_state).mass == pytest.approx(-2.0, rel=1e-4)
 
 
 def test_noise_neither_raises_alarms_nor_spoils_the_weight():
@@ -82,7 +83,7 @@ def test_noise_neither_raises_alarms_nor_spoils_the_weight():
     assert record.final_state.change.noticed == 1
     estimate = ea.payload(controller, record.final_state)
     assert estimate.mass == pytest.approx(2.0, rel=0.02)
-    assert abs(estimate.mass - 2.0) < 5 * estimate.mass_std < 0.2
+    assert abs(estimate.mass - 2.0) < 5 * estimate.mass_std < 0.1
     assert np.all(np.abs(estimate.com - COM) < 5 * estimate.com_std)
 
 
