@@ -144,6 +144,8 @@ def _model(model: pin.Model) -> dict[str, Any]:
         "placements": np.array([place.homogeneous for place in model.jointPlacements]),
         "inertias": np.array([inertia.toDynamicParameters() for inertia in model.inertias]),
         "armature": np.array(model.armature),
+        "damping": np.array(model.damping),
+        "friction": np.array(model.friction),
         "gravity": np.array(model.gravity.vector),
         "effort": np.array(model.upperEffortLimit),
         "velocity": np.array(model.upperVelocityLimit),

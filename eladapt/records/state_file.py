@@ -129,8 +129,13 @@ def _digest(tree: Any, arrays: Mapping[str, np.ndarray]) -> str:
 
 def _differences(kept: Mapping[str, str], wanted: Mapping[str, str]) -> str:
     names = [name for name in {*kept, *wanted} if kept.get(name) != wanted.get(name)]
-    # what both have comes first, and the robot, from which other differences may follow
-    names.sort(key=lambda name: (not (name in kept and name in wanted), ".model." not in name, name))
+    # what both have comes first, and the robot, its joints before all, from which other differences may follow
+    names.sort(
+        key=lambda name: (
+            not (name in kept and name in wanted), ".model." not in name,
+            not name.endswith(".model.joints"), name,
+        )
+    )  # fmt: skip
     said = [
         f"{name} is {wanted.get(name, 'absent')}, in the file {kept.get(name, 'absent')}" for name in names
     ]

@@ -110,7 +110,12 @@ def test_another_controller_is_refused_and_the_difference_named(saved, tmp_path)
     text = robot.path.read_text().replace('mass value="1"', 'mass value="1.001"')
     (tmp_path / "other.urdf").write_text(text)
     heavier = ea.Robot.from_urdf(tmp_path / "other.urdf", zero_parameters=robot.zero_parameters)
+    damped = robot.model.copy()
+    damped.damping = np.full(robot.nv, 0.1)
     others = {
+        r"model\.damping is \[0.1, 0.1\]": ea.CompositeController.for_robot(
+            dataclasses.replace(robot, model=damped)
+        ),
         r"control\.P is \[.*\], in the file \[": ea.CompositeController.for_robot(robot, P=[10, 5]),
         "effort_limit is": dataclasses.replace(controller, effort_limit=4.0),
         r"regressors\.coulomb is False, in the file True": ea.CompositeController.for_robot(
