@@ -129,7 +129,7 @@ def _digest(tree: Any, arrays: Mapping[str, np.ndarray]) -> str:
 
 def _differences(kept: Mapping[str, str], wanted: Mapping[str, str]) -> str:
     names = [name for name in {*kept, *wanted} if kept.get(name) != wanted.get(name)]
-    # what both have comes first, and the robot, its joints before all, from which other differences may follow
+    # what both have comes first, and the robot, its joints before all: other differences may follow from it
     names.sort(
         key=lambda name: (
             not (name in kept and name in wanted), ".model." not in name,
