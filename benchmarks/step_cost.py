@@ -102,7 +102,7 @@ def blocks(controller: ea.CompositeController, now: Situation) -> dict[str, Call
         "law": lambda: controller.mixing.follow(
             law, information, law.descend(theta, regressor, e1, e2, DT), j, DT
         ),
-        "disturbance": lambda: controller._unexplained(state, measurement, regressor, DT),
+        "disturbance": lambda: controller._unexplained(state, measurement, regressor, e1, e2, DT),
         "inertia": lambda: (
             robot.mass_matrix(q, check=False),
             controller.joints and controller.joints.inertia(theta, information, state.noise),

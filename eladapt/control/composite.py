@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -10,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.control.blocks import ControlBlock, ExtensionBlock, RegressionBlock
-from eladapt.control.disturbance import DisturbanceEstimate
+from eladapt.control.disturbance import DisturbanceEstimate, unexplained
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.learned_joints import LearnedJoints
 from eladapt.control.reports import carried
@@ -29,8 +30,6 @@ from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement, MixedRegression, Reference, Regression
-
-NOISE_RATE = 5.0  # [1/s] at which the mean square of what theta leaves of the rows is forgotten
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +175,7 @@ class CompositeController:
             regression=Regression(filters.y, filters.omega),
             information=information,
             disturbance=self.disturbance.init(self.robot.nv) if self.disturbance else None,
+            noise=np.zeros(len(filters.y)),
             inertia=np.zeros(self.robot.nv) if self.joints else None,
         )
         return state._replace(change=self.detector.init(_snapshot(state))) if self.detector else state
@@ -268,13 +268,11 @@ class CompositeController:
                 if self.joints:  # whatever changed, it was not the joints
                     inertia = self._joint_inertia(self.joints, state)
         theta = self.mixing.follow(self.law, information, theta, state.n_potential, dt)
-        noise = state.noise
-        if regression.omega.any():
-            left = regression.y - regression.omega @ theta
-            noise += min(1.0, NOISE_RATE * dt) * (left @ left / len(left) - noise)
-        disturbance = state.disturbance
+        noise, disturbance = state.noise, state.disturbance
+        if self.joints:
+            noise = self.joints.noise(noise, regression, theta, dt)
         if self.disturbance and disturbance is not None:
-            residual, friction = self._unexplained(state, measurement, regressor, dt)
+            residual, friction = self._unexplained(state, measurement, regressor, e1, e2, dt)
             still = e2 == measurement.v
             disturbance = self.disturbance.step(disturbance, residual, friction, e1, measurement.v, still, dt)
         return ControllerState(
@@ -298,26 +296,31 @@ class CompositeController:
         their sum, and the direct one would drive them apart without end.
         """
         free = (np.abs(measurement.tau) < self.effort_limit) & (np.abs(measurement.v) >= self.rest_speed)
-        bodies = regressor.copy()
-        bodies[:, self.regressors.friction] = 0.0
-        return self.law.descend(theta, bodies, free * e1, free * e2, dt)
+        return self.law.descend(theta, regressor, e1, e2, dt, free, self._friction)
 
     def _unexplained(
-        self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(nv,) [N m] the torque that acted less W(q, v, a) theta, with the friction that is fed forward; and
-        how much more friction there is at v, as far as it is known."""
+        self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, e1: np.ndarray,
+        e2: np.ndarray, dt: float,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """(nv,) [N m] what of the torque neither theta nor the feed-forward explains; and how much more
+        friction there is at v than is fed forward, as far as it is known."""
         _, q, v, tau = measurement
         moved = self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
-        columns, friction = self.regressors.friction, np.zeros_like(v)
-        if self.joints:
-            rows = np.zeros_like(moved)
-            rows[:, columns] = moved[:, columns] - regressor[:, columns]
-            # A joint that has moved one way tells the sum of friction and offset alone.
-            rows[:, self.regressors.block("offset")] = moved[:, self.regressors.block("offset")]
-            friction = self.joints.surely(rows, state.parameters, state.information, state.noise)
-        moved[:, columns] = regressor[:, columns]
-        return tau - moved @ state.parameters, friction
+        residual, rows = unexplained(
+            tau, moved, regressor, state.parameters, e1, e2, v, self.rest_speed, self._friction.start,
+            self._first_offset, self._friction.stop,
+        )  # fmt: skip
+        if not self.joints:
+            return residual, np.zeros_like(v)
+        return residual, self.joints.surely(rows, state.parameters, state.information, state.noise)
+
+    @functools.cached_property
+    def _friction(self) -> slice:
+        return self.regressors.friction
+
+    @functools.cached_property
+    def _first_offset(self) -> int:
+        return self.regressors.block("offset").start
 
 
 def _snapshot(state: ControllerState) -> Snapshot:

@@ -2,13 +2,61 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
+from math import expm1
 
 import numpy as np
 
+from eladapt.compiling import COUNT, FLAGS, MATRIX, SCALAR, VECTOR, kernel
 from eladapt.errors import ArgumentError, require_gain, require_number
 
 CREEPING = 0.3  # [rad/s]
+
+
+@kernel(VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, SCALAR, COUNT, COUNT, COUNT)
+def unexplained(
+    tau: np.ndarray, moved: np.ndarray, wanted: np.ndarray, theta: np.ndarray, e1: np.ndarray, e2: np.ndarray,
+    v: np.ndarray, slow: float, first: int, offset: int, end: int,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """(nv,) [N m] the torque that acted less what theta explains of the motion, and (nv, l) the rows of the
+    friction that there is beside what is fed forward.
+
+    moved: W(q, v, a); wanted: W_r(q, v, v_d, a_d), fed forward; their columns first to end are friction, from
+    ``offset`` on offsets. Friction is explained as it is fed forward, so that the residual overcomes the rest
+    of it: in a joint that is slower than ``slow`` [rad/s] and may stick, and in one that is on its way to the
+    reference. In one that leaves it friction helps, and is explained as it is.
+    """
+    n, size = moved.shape
+    residual, rows = np.empty(n), np.zeros((n, size))
+    for i in range(n):
+        overcome = abs(v[i]) <= slow or e1[i] * e2[i] <= 0.0
+        left = tau[i]
+        for k in range(size):
+            if first <= k < end:
+                # A joint that has moved one way tells the sum of friction and offset alone.
+                rows[i, k] = moved[i, k] if k >= offset else moved[i, k] - wanted[i, k]
+                left -= (wanted[i, k] if overcome else moved[i, k]) * theta[k]
+            else:
+                left -= moved[i, k] * theta[k]
+        residual[i] = left
+    return residual, rows
+
+
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
+def followed(
+    d: np.ndarray, residual: np.ndarray, friction: np.ndarray, e1: np.ndarray, v: np.ndarray,
+    still: np.ndarray, limit: np.ndarray, moving: np.ndarray, memory: np.ndarray, tolerance: float,
+    slow: float, dt: float,
+) -> np.ndarray:  # fmt: skip
+    """d after dt, see `DisturbanceEstimate.step`."""
+    after = d.copy()
+    for i in range(len(d)):
+        if not (still[i] and abs(v[i]) < slow and abs(e1[i]) < tolerance):
+            after[i] -= expm1(-dt / memory[i]) * (residual[i] - d[i])
+        most = limit[i] if abs(v[i]) < CREEPING else moving[i]
+        after[i] = min(max(after[i], min(friction[i], 0.0) - most), max(friction[i], 0.0) + most)
+    return after
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +104,18 @@ class DisturbanceEstimate:
         at v than is fed forward, as far as it is known; e1 (nv,) [rad]; v (nv,) [rad/s]; still (nv,): which
         joints are to stand still.
         """
-        arrived = still & (np.abs(v) < self.slow) & (np.abs(e1) < self.tolerance)
-        d = np.where(arrived, d, d - np.expm1(-dt / self.memory) * (residual - d))
-        limit = np.where(np.abs(v) < CREEPING, self.limit, np.minimum(self.limit, self.moving))
-        return np.minimum(np.maximum(d, np.minimum(friction, 0.0) - limit), np.maximum(friction, 0.0) + limit)
+        limit, moving, memory = self._by_joint(len(d))
+        return followed(
+            d, residual, friction, e1, v, still, limit, moving, memory, self.tolerance, self.slow, dt
+        )
+
+    def _by_joint(self, nv: int) -> tuple[np.ndarray, ...]:
+        """limit, moving and memory, (nv,) each."""
+        if nv not in self._sized:
+            given = (self.limit, np.minimum(self.limit, self.moving), self.memory)
+            self._sized[nv] = tuple(np.array(np.broadcast_to(value, nv), dtype=float) for value in given)
+        return self._sized[nv]
+
+    @functools.cached_property
+    def _sized(self) -> dict[int, tuple[np.ndarray, ...]]:
+        return {}

@@ -73,19 +73,21 @@ class FiniteTimePD:
         """Exponent of the velocity."""
         return 1.0 if self.linear else (2 * self.r2 - self.r1) / self.r2
 
-    def gains(self, nv: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """P, D and D_L, (nv,) each. Raises ArgumentError for another number of joints."""
+    def gains(self, nv: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """P, D, D_L and horizon, (nv,) each, 0 where it is the step. Raises ArgumentError for another number
+        of joints."""
         found = self._by_joint.get(nv)
         if found is None:
             found = self._by_joint[nv] = (
                 require_gain("P", self.P, nv),
                 require_gain("D", self.D, nv),
                 require_gain("D_L", self.D_L, nv, zero=True),
+                require_gain("horizon", 0.0 if self.horizon is None else self.horizon, nv, zero=True),
             )
         return found
 
     @functools.cached_property
-    def _by_joint(self) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def _by_joint(self) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         return {}
 
     def law(self, e1: np.ndarray, e2: np.ndarray) -> np.ndarray:
@@ -98,7 +100,7 @@ class FiniteTimePD:
             return self.law(e1, e2)
         if self.evaluation == "slope_limited":
             return self._slope_limited(e1, e2, mass_matrix, dt)
-        horizon = np.maximum(dt, dt if self.horizon is None else self.horizon)
+        horizon = np.maximum(self.gains(len(e2))[-1], dt)
         return semi_implicit_solution(self, e1, e2, mass_matrix, horizon).torque
 
     def _slope_limited(
@@ -135,6 +137,7 @@ def semi_implicit_solution(
 
     `proximal.solve_coupled` has the equation for a horizon H of each joint's own.
     """
-    P, D, D_L = law.gains(len(e2))
-    reach = np.broadcast_to(horizon, len(e2)).astype(float)
-    return solve_coupled(e1, e2, mass_matrix, P, D, D_L, law.a, law.b, reach, most)
+    P, D, D_L, _ = law.gains(len(e2))
+    if np.ndim(horizon) == 0:
+        horizon = np.full(len(e2), horizon)
+    return solve_coupled(e1, e2, mass_matrix, P, D, D_L, law.a, law.b, horizon, most)

@@ -6,20 +6,48 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eladapt.compiling import MATRIX, SCALAR, VECTOR, kernel
 from eladapt.errors import require_gain
 from eladapt.estimation import kernels
 from eladapt.estimation.extensions import Information
 from eladapt.regressors.regressors import Regressors
+from eladapt.signals import Regression
 
 # Of a change of theta, a rotor's part is the least change of standard parameters that makes it, a body's
 # parameter being this much less ready to change than a rotor inertia.
 BODY_EASE = 1e-3
-TINY = 1e-300
+NOISE_RATE = 20.0  # [1/s] at which the mean square of what theta leaves of a row is forgotten
 SURE = 10.0  # an inertia counts as far as the data tell more than nine tenths of it
 # Where friction c is all that resists, u = s c (w - v) over a step leaves v <- s (w - v), e <- e + dt v with
 # w = -e/H: stable for s < 2 / (2 + dt/H), 0.72 at H = 1.3 dt. Well below that, for a rotor that is none.
 VISCOUS_SHARE = 0.3
 DEVIATIONS = 3.0  # by how many standard deviations the residual must leave it above zero
+
+
+@kernel(VECTOR, VECTOR, MATRIX, VECTOR, SCALAR)
+def left_of_rows(
+    before: np.ndarray, y: np.ndarray, omega: np.ndarray, theta: np.ndarray, share: float
+) -> np.ndarray:
+    """(m,) ``share`` of the way from ``before`` to the squares of y - Omega theta, in rows that are not 0."""
+    after = before.copy()
+    for i in range(len(y)):
+        left, length = y[i], 0.0
+        for k in range(len(theta)):
+            left -= omega[i, k] * theta[k]
+            length += omega[i, k] * omega[i, k]
+        if length > 0.0:
+            after[i] += share * (left * left - before[i])
+    return after
+
+
+@kernel(VECTOR, VECTOR, VECTOR)
+def resisting(known: np.ndarray, largest: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(nv,) rotors, at most the largest, and viscous friction over its reach; ``known`` (2 nv,): both."""
+    n = len(largest)
+    inertia = np.empty(n)
+    for i in range(n):
+        inertia[i] = min(max(known[i], 0.0), largest[i]) + reach[i] * max(known[n + i], 0.0)
+    return inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,26 +75,26 @@ class LearnedJoints:
         object.__setattr__(self, "horizon", require_gain("horizon", self.horizon, nv, zero=True))
         object.__setattr__(self, "_map", np.vstack([self._rotor_rows(), self._viscous_rows()]))
         object.__setattr__(self, "_nominal", self.regressors.theta)
+        object.__setattr__(self, "_reach", VISCOUS_SHARE * self.horizon)
 
-    def inertia(self, theta: np.ndarray, information: Information, noise: float) -> np.ndarray:
-        """(nv,) [kg m^2], never less than 0; theta (l,); noise: mean square of what theta leaves of a row."""
-        nv = self.regressors.robot.nv
+    def noise(self, before: np.ndarray, regression: Regression, theta: np.ndarray, dt: float) -> np.ndarray:
+        """(m,) mean square of what theta leaves of each row, over the last `NOISE_RATE` of a second; rows
+        that say nothing leave it as it was."""
+        return left_of_rows(before, regression.y, regression.omega, theta, min(1.0, NOISE_RATE * dt))
+
+    def inertia(self, theta: np.ndarray, information: Information, noise: np.ndarray) -> np.ndarray:
+        """(nv,) [kg m^2], never less than 0; theta (l,); noise (m,): see `noise`."""
         known = self.surely(self._map, theta - self._nominal, information, noise)  # type: ignore[attr-defined]
-        rotor, viscous = np.maximum(known[:nv], 0.0), np.maximum(known[nv:], 0.0)
-        return np.minimum(rotor, self.largest) + VISCOUS_SHARE * self.horizon * viscous
+        return resisting(known, self.largest, self._reach)  # type: ignore[attr-defined]
 
     def surely(
-        self, rows: np.ndarray, theta: np.ndarray, information: Information, noise: float
+        self, rows: np.ndarray, theta: np.ndarray, information: Information, noise: np.ndarray
     ) -> np.ndarray:
-        """(m,) rows @ theta, nearer to zero by all that the data leave open; rows (m, l)."""
+        """(m,) rows @ theta, nearer to zero by all that the data leave open; rows (m, l), joint by joint."""
         if information.prior == 0 or information.weight == 0:
             return np.zeros(len(rows))
-        value, variances = rows @ theta, kernels.variances(information.triangle, rows)
-        square = np.maximum(np.einsum("ij,ij->i", rows, rows), TINY)
-        doubt = information.prior * variances / square
-        spread = np.sqrt(self.alpha * (2 / self.pole) * noise * variances)
-        size = np.abs(value) * np.maximum(0.0, 1 - SURE * doubt) - DEVIATIONS * spread
-        return np.copysign(np.maximum(size, 0.0), value)
+        scatter = self.alpha * (2 / self.pole) * noise
+        return kernels.surely(information.triangle, information.prior, rows, theta, scatter, SURE, DEVIATIONS)
 
     def _viscous_rows(self) -> np.ndarray:
         """(nv, l): viscous coefficients that a change of theta makes."""

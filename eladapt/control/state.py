@@ -9,6 +9,8 @@ import numpy as np
 from eladapt.estimation.change import Change
 from eladapt.signals import Measurement, Regression
 
+UNKNOWN = np.zeros(0)
+
 
 class ControllerState(NamedTuple):
     """Everything that the controller remembers; arrays and NamedTuples of arrays only."""
@@ -21,7 +23,7 @@ class ControllerState(NamedTuple):
     information: Any  # of the extension block
     change: Change | None = None  # what the detector noticed
     disturbance: np.ndarray | None = None  # (nv,) [N m] what neither theta nor the control law explains
-    noise: float = 0.0  # mean square of what theta leaves of a row of the regression, over the last 0.2 s
+    noise: np.ndarray = UNKNOWN  # (m,) mean square of what theta leaves of each row of the regression
     inertia: np.ndarray | None = None  # (nv,) [kg m^2] of the joints, when the information last began afresh
 
     @property

@@ -4,13 +4,47 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from math import sqrt, tanh
 
 import numpy as np
 
+from eladapt.compiling import COUNT, FLAGS, MATRIX, SCALAR, VECTOR, kernel
 from eladapt.errors import ArgumentError, require_gain, require_number
-from eladapt.estimation import kernels
 from eladapt.estimation.excitation import zeta_1
 from eladapt.signals import MixedRegression
+
+NOTHING = slice(0, 0)
+
+
+@kernel(VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
+def arrived(theta: np.ndarray, error: np.ndarray, rate: float, b: float, dt: float) -> np.ndarray:
+    """theta after dt of theta' = rate r / |r|^(1 - b), which arrives at r = 0 and stays."""
+    n, square = len(theta), 0.0
+    for k in range(n):
+        square += error[k] * error[k]
+    share = min(1.0, rate * dt / sqrt(square) ** (1 - b)) if square > 0.0 else 0.0
+    after = np.empty(n)
+    for k in range(n):
+        after[k] = theta[k] + share * error[k]
+    return after
+
+
+@kernel(VECTOR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR, VECTOR, SCALAR, FLAGS, COUNT, COUNT)
+def direct_term(
+    theta: np.ndarray, regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, position: float,
+    velocity: float, Gamma: np.ndarray, dt: float, free: np.ndarray, first: int, end: int,
+) -> np.ndarray:  # fmt: skip
+    """The direct term of (318) over dt: theta - dt Gamma W' (position tanh(e1) + velocity e2), of the joints
+    that are ``free``, and not of the parameters from first to end."""
+    n, last = len(theta), len(Gamma) - 1
+    after = theta.copy()
+    for i in range(len(e1)):
+        drive = dt * (position * tanh(e1[i]) + velocity * e2[i])
+        if drive != 0.0 and free[i]:
+            for k in range(n):
+                if not first <= k < end:
+                    after[k] -= Gamma[min(k, last)] * regressor[i, k] * drive
+    return after
 
 
 @dataclass(frozen=True)
@@ -77,19 +111,27 @@ class CompositeLaw:
         return float(np.reshape(self.rate, -1)[0])
 
     def descend(
-        self, theta: np.ndarray, regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, dt: float
-    ) -> np.ndarray:
-        """The direct term over dt [s]: theta (l,); regressor W (nv, l); e1, e2 (nv,)."""
+        self, theta: np.ndarray, regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, dt: float,
+        free: np.ndarray | None = None, kept: slice = NOTHING,
+    ) -> np.ndarray:  # fmt: skip
+        """The direct term over dt [s]: theta (l,); regressor W (nv, l); e1, e2 (nv,).
+
+        free (nv,): the joints that count, all by default; kept: a slice of theta that stays as it is.
+        """
         if not self.direct:
             return theta
         position, velocity, Gamma = self._direct_gains
         if len(Gamma) not in (1, len(theta)):  # a diagonal for theta_U: nothing else is adapted
             Gamma = np.concatenate([np.zeros(len(theta) - len(Gamma)), Gamma])
-        return kernels.direct_term(theta, regressor, e1, e2, position, velocity, Gamma, dt)
+        if free is None:
+            free = np.ones(len(e1), dtype=bool)
+        return direct_term(
+            theta, regressor, e1, e2, position, velocity, Gamma, dt, free, kept.start, kept.stop
+        )
 
     def arrive(self, theta: np.ndarray, error: np.ndarray, dt: float) -> np.ndarray:
         """The indirect term over dt [s] along a vector error r (k,) = Y - Phi theta."""
-        return kernels.arrived(theta, error, self._scalar_rate, self.b, dt) if self.indirect else theta
+        return arrived(theta, error, self._scalar_rate, self.b, dt) if self.indirect else theta
 
     def scalar_flow(self, theta: np.ndarray, mixed: MixedRegression, dt: float) -> np.ndarray:
         """The indirect term over dt [s] with a scalar gain Delta: the last parameters of theta, as many as Y

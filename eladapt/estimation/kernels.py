@@ -1,4 +1,4 @@
-"""The estimator's equations as numba compiles them: each once, in loops over numbers and arrays.
+"""The information triangle's equations as numba compiles them: each once, in loops over numbers and arrays.
 
 A triangle T (l + 1, l + 1) is the factor [T t; 0 residual] of square-root information: its block (l, l) has
 T'T = prior I + R, R the weighted sum of Omega'Omega, and T't = s of Omega'y. Loops over a column's rest run
@@ -7,50 +7,16 @@ over slices, with indices from 0: only so does the compiler vectorise them, four
 
 from __future__ import annotations
 
-from math import copysign, inf, sqrt, tanh
+from math import copysign, inf, sqrt
 
 import numpy as np
 
-from eladapt.compiling import FLAGS, MATRIX, SCALAR, VECTOR, kernel
+from eladapt.compiling import MATRIX, SCALAR, VECTOR, kernel
 
 TINY = 1e-300
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faster
 SWEEPS = 30  # of Jacobi's rotations over a few rows; 3 to 5 are typical
 ROTATED = 1e-15  # cosine between two rows that counts as orthogonal
-
-
-@kernel(VECTOR, VECTOR, VECTOR, VECTOR, SCALAR)
-def path_points(
-    points: np.ndarray, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float
-) -> np.ndarray:
-    """(5, nv): two offsets and two velocities at points (2,) in [0, 1] of a path whose velocity is linear,
-    and its acceleration."""
-    path = np.empty((5, len(moved)))
-    for i in range(len(moved)):
-        change = after[i] - before[i]
-        for k in range(2):
-            path[k, i] = points[k] * moved[i] - (dt / 12) * change
-            path[2 + k, i] = before[i] + points[k] * change
-        path[4, i] = change / dt
-    return path
-
-
-@kernel(MATRIX, VECTOR, SCALAR, VECTOR, MATRIX, MATRIX, VECTOR, FLAGS)
-def filter_rows(
-    omega: np.ndarray, y: np.ndarray, rho: float, weight: np.ndarray, one: np.ndarray, two: np.ndarray,
-    tau: np.ndarray, sliding: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """The force balance (419) after a step: rho [Omega y] + weight [(one + two)/2, tau], and zero in the rows
-    that do not slide."""
-    rows, outputs = np.zeros_like(omega), np.zeros_like(y)
-    for i in range(len(y)):
-        if not sliding[i]:
-            continue
-        outputs[i] = rho * y[i] + weight[i] * tau[i]
-        share, into, before, first, second = 0.5 * weight[i], rows[i], omega[i], one[i], two[i]
-        for k in range(len(into)):
-            into[k] = rho * before[k] + share * (first[k] + second[k])
-    return outputs, rows
 
 
 @kernel(fastmath=REORDERED)
@@ -161,6 +127,27 @@ def smallest(triangle: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray
     for k in range(n):
         direction[k] /= sqrt(square)
     return 1 / square, direction
+
+
+@kernel(VECTOR, MATRIX, MATRIX, MATRIX, SCALAR)
+def row_noise(
+    before: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray, share: float
+) -> np.ndarray:
+    """(m,) ``share`` of the way from ``before`` to the squares of the white noise that three rows in
+    succession, (m, l) each, show by their second difference, whose variance is six times theirs; as before
+    where one of the three is 0."""
+    after = before.copy()
+    for i in range(len(before)):
+        square = one = two = three = 0.0
+        for k in range(first.shape[1]):
+            bend = first[i, k] - 2 * second[i, k] + third[i, k]
+            square += bend * bend
+            one += abs(first[i, k])
+            two += abs(second[i, k])
+            three += abs(third[i, k])
+        if min(one, two, three) > 0.0:
+            after[i] += share * (square / 6 - before[i])
+    return after
 
 
 @kernel()
@@ -275,7 +262,7 @@ def subspace_step(
 ) -> tuple[np.ndarray, float, int]:  # fmt: skip
     """Least squares that forgets ``share`` of what it knows along the new rows, and nothing else.
 
-    Rows are made orthogonal first; those of Omega shorter than ``floor`` carry nothing but noise and count
+    Rows are made orthogonal first; those of Omega no longer than ``floor`` carry nothing but noise and count
     for nothing. Returns the triangle, the innovation and how many rows counted.
     """
     size, m = len(triangle), len(y)
@@ -290,7 +277,7 @@ def subspace_step(
         square = 0.0
         for k in range(size - 1):
             square += rows[i, k] * rows[i, k]
-        if square > floor * floor and square > 0.0:
+        if square > floor * floor:
             for k in range(size):
                 rows[counted, k] = scale * rows[i, k]
             counted += 1
@@ -337,35 +324,6 @@ def prediction_error(triangle: np.ndarray, prior: float, theta: np.ndarray) -> n
     return error
 
 
-@kernel(VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
-def arrived(theta: np.ndarray, error: np.ndarray, rate: float, b: float, dt: float) -> np.ndarray:
-    """theta after dt of theta' = rate r / |r|^(1 - b), which arrives at r = 0 and stays."""
-    n, square = len(theta), 0.0
-    for k in range(n):
-        square += error[k] * error[k]
-    share = min(1.0, rate * dt / sqrt(square) ** (1 - b)) if square > 0.0 else 0.0
-    after = np.empty(n)
-    for k in range(n):
-        after[k] = theta[k] + share * error[k]
-    return after
-
-
-@kernel(VECTOR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR, VECTOR, SCALAR)
-def direct_term(
-    theta: np.ndarray, regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, position: float,
-    velocity: float, Gamma: np.ndarray, dt: float,
-) -> np.ndarray:  # fmt: skip
-    """The direct term of (318) over dt: theta - dt Gamma W' (position tanh(e1) + velocity e2)."""
-    n, last = len(theta), len(Gamma) - 1
-    after = theta.copy()
-    for i in range(len(e1)):
-        drive = dt * (position * tanh(e1[i]) + velocity * e2[i])
-        if drive != 0.0:
-            for k in range(n):
-                after[k] -= Gamma[min(k, last)] * regressor[i, k] * drive
-    return after
-
-
 @kernel(MATRIX, MATRIX)
 def variances(triangle: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """(m,) c'F c of combinations of parameters, rows c (m, l), F = (T'T)^-1."""
@@ -374,3 +332,28 @@ def variances(triangle: np.ndarray, rows: np.ndarray) -> np.ndarray:
         x = rows[i].copy()
         result[i] = solve_transposed(triangle, x)
     return result
+
+
+@kernel(MATRIX, SCALAR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR)
+def surely(
+    triangle: np.ndarray, prior: float, rows: np.ndarray, theta: np.ndarray, noise: np.ndarray,
+    doubted: float, deviations: float,
+) -> np.ndarray:  # fmt: skip
+    """(m,) c theta of combinations c (m, l), nearer to zero by what the data leave open.
+
+    By ``doubted`` times the prior's share of what is known of c, and by ``deviations`` standard deviations;
+    noise: variance that c'F c multiplies, of row i at i modulo its length.
+    """
+    m, n = rows.shape
+    found = np.zeros(m)
+    for i in range(m):
+        x, value, square = rows[i].copy(), 0.0, 0.0
+        for k in range(n):
+            value += x[k] * theta[k]
+            square += x[k] * x[k]
+        if square > 0.0:
+            variance = solve_transposed(triangle, x)
+            size = abs(value) * max(0.0, 1 - doubted * prior * variance / square)
+            size -= deviations * sqrt(noise[i % len(noise)] * variance)
+            found[i] = copysign(max(size, 0.0), value)
+    return found

@@ -15,8 +15,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from eladapt.compiling import MATRIX, SCALAR, VECTOR, kernel
 from eladapt.errors import ArgumentError, require_gain, require_number
-from eladapt.estimation import kernels
 from eladapt.regressors.regressors import Regressors
 from eladapt.signals import Measurement, Regression
 
@@ -24,6 +24,7 @@ Interpolation = Literal["linear", "hermite"]
 
 # Gauss's two points: exact for polynomials of the third degree.
 GAUSS = np.array([0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6])
+NEVER = -1.0  # [rad/s] a speed that every joint is above
 
 
 class FilterState(NamedTuple):
@@ -33,6 +34,40 @@ class FilterState(NamedTuple):
     v: np.ndarray  # (nv,)
     y: np.ndarray  # (nv,)
     omega: np.ndarray  # (nv, l)
+
+
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR, SCALAR)
+def path_points(
+    points: np.ndarray, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float
+) -> np.ndarray:
+    """(5, nv): two offsets and two velocities at points (2,) in [0, 1] of a path whose velocity is linear,
+    and its acceleration."""
+    path = np.empty((5, len(moved)))
+    for i in range(len(moved)):
+        change = after[i] - before[i]
+        for k in range(2):
+            path[k, i] = points[k] * moved[i] - (dt / 12) * change
+            path[2 + k, i] = before[i] + points[k] * change
+        path[4, i] = change / dt
+    return path
+
+
+@kernel(MATRIX, VECTOR, SCALAR, SCALAR, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR)
+def filter_rows(
+    omega: np.ndarray, y: np.ndarray, rho: float, gain: float, weight: np.ndarray, one: np.ndarray,
+    two: np.ndarray, tau: np.ndarray, before: np.ndarray, after: np.ndarray, speed: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """The force balance (419) after a step: rho [Omega y] + gain weight [(one + two)/2, tau], and zero in the
+    rows of joints that are not faster than ``speed`` [rad/s] both before and after it."""
+    rows, outputs = np.zeros_like(omega), np.zeros_like(y)
+    for i in range(len(y)):
+        if min(abs(before[i]), abs(after[i])) <= speed:
+            continue
+        outputs[i] = rho * y[i] + gain * weight[i] * tau[i]
+        share, into, old, first, second = 0.5 * gain * weight[i], rows[i], omega[i], one[i], two[i]
+        for k in range(len(into)):
+            into[k] = rho * old[k] + share * (first[k] + second[k])
+    return outputs, rows
 
 
 @dataclass(frozen=True)
@@ -81,11 +116,9 @@ class ForceBalance:
         """Advance over the dt [s] that ended at ``measurement``."""
         _, q, v, tau = measurement
         one, two = self.forces(state, q, v, dt)
-        weight = -math.expm1(-self.pole * dt) * np.asarray(self.weight)
-        sliding = self._sliding(state.v, v)
-        y, omega = kernels.filter_rows(
-            state.omega, state.y, math.exp(-self.pole * dt), weight, one, two, tau, sliding
-        )
+        rho, gain = math.exp(-self.pole * dt), -math.expm1(-self.pole * dt)
+        speed = self.stiction_speed if self.regressors.coulomb else NEVER
+        y, omega = filter_rows(state.omega, state.y, rho, gain, self.weight, one, two, tau, state.v, v, speed)
         return FilterState(q, v, y, omega), Regression(y, omega)
 
     def forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
@@ -93,7 +126,7 @@ class ForceBalance:
         torque, model = self.regressors.torque, self.regressors.robot.model
         moved = pin.difference(model, state.q, q)
         if self.interpolation == "linear":
-            *ways, one, two, slope = kernels.path_points(GAUSS, moved, state.v, v, dt)
+            *ways, one, two, slope = path_points(GAUSS, moved, state.v, v, dt)
             rates = ((one, slope), (two, slope))
         else:
             ways, rates = self._bent_path(moved, state.v, v, dt)
@@ -111,12 +144,6 @@ class ForceBalance:
         offset = s * moved - (dt / 12) * change + dt / 36 * (2 * s - 1) * bend
         velocity = before + s * change + bend / 6
         return offset, list(zip(velocity, change / dt + (1 - 2 * s) / dt * bend, strict=True))
-
-    def _sliding(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """(nv,) which joints slid at both ends of a step; all of them where there are no Coulomb columns."""
-        if not self.regressors.coulomb:
-            return np.ones(len(after), dtype=bool)
-        return np.minimum(np.abs(before), np.abs(after)) > self.stiction_speed
 
 
 class EnergyState(NamedTuple):
