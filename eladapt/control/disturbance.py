@@ -24,22 +24,24 @@ def unexplained(
 
     moved: W(q, v, a); wanted: W_r(q, v, v_d, a_d), fed forward; their columns first to end are friction, from
     ``offset`` on offsets. Friction is explained as it is fed forward, so that the residual overcomes the rest
-    of it: in a joint that is slower than ``slow`` [rad/s] and may stick, and in one that is on its way to the
-    reference. In one that leaves it friction helps, and is explained as it is.
+    of it. But in a joint that leaves its reference, faster than ``slow`` [rad/s] so that it cannot stick, the
+    rest helps as long as it resists, and is explained as it is.
     """
     n, size = moved.shape
     residual, rows = np.empty(n), np.zeros((n, size))
     for i in range(n):
-        overcome = abs(v[i]) <= slow or e1[i] * e2[i] <= 0.0
-        left = tau[i]
+        left, rest = tau[i], 0.0
         for k in range(size):
             if first <= k < end:
+                more = moved[i, k] - wanted[i, k]
                 # A joint that has moved one way tells the sum of friction and offset alone.
-                rows[i, k] = moved[i, k] if k >= offset else moved[i, k] - wanted[i, k]
-                left -= (wanted[i, k] if overcome else moved[i, k]) * theta[k]
+                rows[i, k] = moved[i, k] if k >= offset else more
+                left -= wanted[i, k] * theta[k]
+                rest += more * theta[k]
             else:
                 left -= moved[i, k] * theta[k]
-        residual[i] = left
+        leaves = abs(v[i]) > slow and e1[i] * e2[i] > 0.0
+        residual[i] = left - rest if leaves and rest * e2[i] > 0.0 else left
     return residual, rows
 
 

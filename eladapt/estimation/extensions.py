@@ -18,8 +18,6 @@ from eladapt.estimation import kernels
 from eladapt.signals import Regression
 
 UNKNOWN = np.zeros(0)
-DEVIATIONS = 3.0  # rows no longer than this many standard deviations of their noise are noise
-NOISE_RATE = 10.0  # [1/s] at which what was measured of it is forgotten
 EXCITED = 1e-9  # of the largest singular value: a direction with less is not excited
 
 
@@ -35,8 +33,6 @@ class Information(NamedTuple):
     innovation: float = 0.0  # size of what the last rows say that no theta fitting the old ones can
     weight: float = 0.0  # of all rows that the residual remembers, alpha dt each
     weakest: np.ndarray = UNKNOWN  # (l,) direction that is known least, as far as it is known
-    noise: np.ndarray = UNKNOWN  # (m,) mean square of what of each row of Omega is white noise
-    recent: tuple[np.ndarray, ...] = ()  # the last two Omega (m, l)
 
     def __repr__(self) -> str:
         return f"Information({len(self.triangle) - 1} parameters, prior {self.prior:.3g})"
@@ -131,7 +127,7 @@ class LeastSquares:
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
         """Forget over dt [s] at the rate that F allows and add the regression held over it."""
-        before, prior, _, weight, weakest, *_ = information
+        before, prior, _, weight, weakest = information
         least, weakest = kernels.smallest(before, weakest)
         kept = 1 - dt * self.forgetting(least)
         if not kept > 0:
@@ -159,9 +155,7 @@ class SubspaceLeastSquares:
     F^-1 = f0 I + R.
 
     alpha [1/s]: gain. beta [1/s]: forgetting rate along the rows. f0: initial information. floor: rows of
-    Omega that are shorter, once made orthogonal to each other, are noise and count for nothing. So are rows
-    no longer than `DEVIATIONS` of the noise that the rows' second differences show, in their median, told or
-    not: a long rest's noise would pile up as information about inertias.
+    Omega that are shorter, once made orthogonal to each other, are noise and count for nothing.
     """
 
     alpha: float = 1.0
@@ -181,19 +175,15 @@ class SubspaceLeastSquares:
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
         """Forget over dt [s] along the regression's rows, and add the regression held over it."""
-        before, prior, _, weight, weakest, noise, recent = information
-        share, (y, omega) = -math.expm1(-self.beta * dt), regression
-        if len(recent) == 2:
-            noise = kernels.row_noise(noise, *recent, omega, min(1.0, NOISE_RATE * dt))
-        else:
-            noise = np.zeros(len(y))
-        seen = math.sqrt(np.sort(noise)[len(noise) // 2])
+        before, prior, _, weight, weakest = information
+        share = -math.expm1(-self.beta * dt)
+        y, omega = regression
         triangle, innovation, counted = kernels.subspace_step(
-            before, prior, omega, y, self.alpha * dt, share, max(self.floor, DEVIATIONS * seen)
+            before, prior, omega, y, self.alpha * dt, share, self.floor
         )
         if counted:
             weight = (1 - share) * weight + self.alpha * dt * counted
-        return Information(triangle, prior, innovation, weight, weakest, noise, (*recent[-1:], omega))
+        return Information(triangle, prior, innovation, weight, weakest)
 
     def covariance(self, information: Information) -> np.ndarray:
         """F = (f0 I + R)^-1 (l, l)."""

@@ -129,27 +129,6 @@ def smallest(triangle: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray
     return 1 / square, direction
 
 
-@kernel(VECTOR, MATRIX, MATRIX, MATRIX, SCALAR)
-def row_noise(
-    before: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray, share: float
-) -> np.ndarray:
-    """(m,) ``share`` of the way from ``before`` to the squares of the white noise that three rows in
-    succession, (m, l) each, show by their second difference, whose variance is six times theirs; as before
-    where one of the three is 0."""
-    after = before.copy()
-    for i in range(len(before)):
-        square = one = two = three = 0.0
-        for k in range(first.shape[1]):
-            bend = first[i, k] - 2 * second[i, k] + third[i, k]
-            square += bend * bend
-            one += abs(first[i, k])
-            two += abs(second[i, k])
-            three += abs(third[i, k])
-        if min(one, two, three) > 0.0:
-            after[i] += share * (square / 6 - before[i])
-    return after
-
-
 @kernel()
 def orthogonal_rows(rows: np.ndarray) -> None:
     """Rotates rows [Omega | y] among each other, in place, until those of Omega are orthogonal.

@@ -25,6 +25,9 @@ Interpolation = Literal["linear", "hermite"]
 # Gauss's two points: exact for polynomials of the third degree.
 GAUSS = np.array([0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6])
 NEVER = -1.0  # [rad/s] a speed that every joint is above
+JITTER_RATE = 1.0  # [1/s] at which the noise measured in the velocity is forgotten
+SURELY_MOVING = 5.0  # times that noise, but no more than
+MOST = 3.0  # times the speed that is given: what breaks loose changes its speed like noise
 
 
 class FilterState(NamedTuple):
@@ -34,6 +37,8 @@ class FilterState(NamedTuple):
     v: np.ndarray  # (nv,)
     y: np.ndarray  # (nv,)
     omega: np.ndarray  # (nv, l)
+    change: np.ndarray  # (nv,) of the velocity over the last step
+    jitter: np.ndarray  # (nv,) mean square of the velocity's white noise
 
 
 @kernel(VECTOR, VECTOR, VECTOR, VECTOR, SCALAR)
@@ -52,16 +57,29 @@ def path_points(
     return path
 
 
-@kernel(MATRIX, VECTOR, SCALAR, SCALAR, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR)
+@kernel(VECTOR, VECTOR, VECTOR, SCALAR)
+def white_noise(mean: np.ndarray, before: np.ndarray, after: np.ndarray, share: float) -> np.ndarray:
+    """(nv,) ``share`` of the way from ``mean`` to the squares of the white noise that two changes in
+    succession show by their difference, whose variance is six times the noise's."""
+    found = np.empty(len(mean))
+    for i in range(len(mean)):
+        found[i] = mean[i] + share * ((after[i] - before[i]) ** 2 / 6 - mean[i])
+    return found
+
+
+@kernel(MATRIX, VECTOR, SCALAR, SCALAR, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR, VECTOR)
 def filter_rows(
     omega: np.ndarray, y: np.ndarray, rho: float, gain: float, weight: np.ndarray, one: np.ndarray,
     two: np.ndarray, tau: np.ndarray, before: np.ndarray, after: np.ndarray, speed: float,
+    jitter: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """The force balance (419) after a step: rho [Omega y] + gain weight [(one + two)/2, tau], and zero in the
-    rows of joints that are not faster than ``speed`` [rad/s] both before and after it."""
+    rows of joints that are not faster than ``speed`` [rad/s], and than their noise, both before and after it;
+    in no row where ``speed`` is negative."""
     rows, outputs = np.zeros_like(omega), np.zeros_like(y)
     for i in range(len(y)):
-        if min(abs(before[i]), abs(after[i])) <= speed:
+        slow = max(speed, min(SURELY_MOVING * math.sqrt(jitter[i]), MOST * speed))
+        if speed >= 0.0 and min(abs(before[i]), abs(after[i])) <= slow:
             continue
         outputs[i] = rho * y[i] + gain * weight[i] * tau[i]
         share, into, old, first, second = 0.5 * gain * weight[i], rows[i], omega[i], one[i], two[i]
@@ -110,7 +128,8 @@ class ForceBalance:
     def init(self, measurement: Measurement) -> FilterState:
         """The filter at rest at the first sample."""
         _, q, v, _ = measurement
-        return FilterState(q, v, np.zeros(len(v)), np.zeros((len(v), len(self.regressors))))
+        none = np.zeros(len(v))
+        return FilterState(q, v, none, np.zeros((len(v), len(self.regressors))), none, none)
 
     def step(self, state: FilterState, measurement: Measurement, dt: float) -> tuple[FilterState, Regression]:
         """Advance over the dt [s] that ended at ``measurement``."""
@@ -118,8 +137,12 @@ class ForceBalance:
         one, two = self.forces(state, q, v, dt)
         rho, gain = math.exp(-self.pole * dt), -math.expm1(-self.pole * dt)
         speed = self.stiction_speed if self.regressors.coulomb else NEVER
-        y, omega = filter_rows(state.omega, state.y, rho, gain, self.weight, one, two, tau, state.v, v, speed)
-        return FilterState(q, v, y, omega), Regression(y, omega)
+        change = v - state.v
+        jitter = white_noise(state.jitter, state.change, change, min(1.0, JITTER_RATE * dt))
+        y, omega = filter_rows(
+            state.omega, state.y, rho, gain, self.weight, one, two, tau, state.v, v, speed, jitter
+        )
+        return FilterState(q, v, y, omega, change, jitter), Regression(y, omega)
 
     def forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
         """W(q, v, a) (nv, l) at Gauss's two points of the path from ``state`` to (q, v)."""

@@ -179,8 +179,11 @@ def derive_gains(
         MOST_PUSH * bodies,
         f"max M {MOST_PUSH:g} rad/s^2: beside its friction, of a joint that moves",
     )
-    memory = settle("memory", np.maximum(0.01, 2 * horizon), "max(0.01 s, 2 horizon)")
     noisy = noisy_speed > 0 or float(np.max(hardware.position_noise)) > 0
+    memory = settle(
+        "memory", 2 * horizon if noisy else np.maximum(0.01, 2 * horizon),
+        "2 horizon; without noise at least 0.01 s, for the noise that nobody told",
+    )  # fmt: skip
     tolerance = settle(
         "tolerance", 0.0 if noisy else 5e-6,
         "5e-6 rad without noise; with noise 0: an estimate that stops and goes drifts",

@@ -21,7 +21,7 @@ def stick_slip() -> list[ea.Measurement]:
     robot = load("two_link")
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), friction=ea.Friction(VISCOUS, COULOMB))
     measurements = [plant.reset()]
-    for k in range(1500):
+    for k in range(6000):
         t = k * DT
         swing = np.array([0.7 * np.sin(5 * t), 0.35 * np.sin(8 * t + 1)])
         measurements.append(plant.step(robot.gravity(plant.q) + swing, DT))
@@ -205,3 +205,24 @@ def test_bad_input_is_named():
     bare = ea.Regressors(load("two_link"))
     with pytest.raises(ArgumentError, match="no friction columns"):
         estimate_friction(bare, bare.theta, ea.LeastSquares().init(len(bare)))
+
+
+def test_a_joint_that_shakes_is_not_sliding():
+    """White noise of 4e-3 rad/s about rest, which is above a stiction speed of 5e-3 rad/s every fifth time:
+    the noise is measured within a quarter, and once it is, 1 row in 100 counts at most. On a slow motion with
+    the same noise, 0.1 rad/s, all count."""
+    reg, rng, speed = regressors(), np.random.default_rng(0), 5e-3
+    block = ea.ForceBalance(reg, stiction_speed=speed)
+    for moving in (0.0, 0.1):
+        used, state = [], None
+        for k in range(6000):
+            v = moving + 4e-3 * rng.normal(size=reg.robot.nv)
+            q = reg.robot.configuration(reg.robot.home + moving * k * DT)
+            seen = ea.Measurement(k * DT, q, v, np.zeros(reg.robot.nv))
+            if state is None:
+                state = block.init(seen)
+                continue
+            state, regression = block.step(state, seen, DT)
+            used.append(regression.omega.any(axis=1))
+        np.testing.assert_allclose(np.sqrt(state.jitter), 4e-3, rtol=0.25)
+        assert np.mean(used[4000:]) == 1.0 if moving else np.mean(used[4000:]) < 0.01

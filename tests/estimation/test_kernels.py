@@ -113,22 +113,6 @@ def test_rows_below_the_floor_count_for_nothing(rng):
     assert same[0] is information.triangle
 
 
-def test_rows_that_are_noise_are_found_and_count_for_nothing(rng):
-    """Two rows of white noise that nobody told beside one that moves smoothly: of three seconds, in which the
-    noise would be worth 2 * 3 * 5 * (1e-3)^2 = 3e-5 in sum, less than a tenth counts. It is known within a
-    quarter: a mean over 100 samples of 5 numbers, correlated."""
-    block, direction = ea.SubspaceLeastSquares(1.0, 0.1, 1e-12), rng.normal(size=5)
-    information = block.init(5)
-    for k in range(3000):
-        omega = np.vstack([np.sin(2e-3 * k) * direction, 1e-3 * rng.normal(size=(2, 5))])
-        information = block.step(information, Regression(np.zeros(3), omega), 1e-3)
-    np.testing.assert_allclose(np.sqrt(information.noise[1:]), 1e-3 * np.sqrt(5), rtol=0.25)
-    assert np.sqrt(information.noise[0]) < 1e-5
-    across = np.eye(5) - np.outer(direction, direction) / (direction @ direction)
-    assert np.trace(across @ information.matrix @ across) < 3e-6
-    assert direction @ information.matrix @ direction > 1.0 * (direction @ direction) ** 2
-
-
 @pytest.mark.parametrize("prior", [0.0, 1e-3])
 @pytest.mark.parametrize(("size", "m"), SIZES)
 def test_prediction_error_is_y_less_phi_theta(size, m, prior, rng):
