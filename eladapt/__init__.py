@@ -21,6 +21,9 @@ from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
 from eladapt.hardware.timing import Timing
 from eladapt.hardware.udp import UdpRobot
+from eladapt.motion.limits import MotionLimits
+from eladapt.motion.motions import Motion, move
+from eladapt.motion.shaped import Shaped, ShapedState
 from eladapt.records.record import Record
 from eladapt.records.state_file import load_state, save_state
 from eladapt.regressors.base import ParameterBasis
@@ -69,6 +72,8 @@ __all__ = [
     "MeasuredNoise",
     "Measurement",
     "MixedRegression",
+    "Motion",
+    "MotionLimits",
     "MujocoPlant",
     "Noise",
     "ParameterBasis",
@@ -82,6 +87,8 @@ __all__ = [
     "Regressors",
     "Robot",
     "RobotInterface",
+    "Shaped",
+    "ShapedState",
     "SlotineLi",
     "SmallestEigenvalue",
     "SubspaceLeastSquares",
@@ -97,6 +104,7 @@ __all__ = [
     "load_state",
     "measure_noise",
     "model_bounds",
+    "move",
     "paper",
     "payload",
     "plot",

@@ -120,7 +120,10 @@ def _parser() -> _Parser:
     run.add_argument("--noise", type=float, default=0.0, metavar="SD",
                      help="of measured positions [rad] and velocities [rad/s] (default: 0)")  # fmt: skip
     run.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
-    run.add_argument("--duration", type=float, default=4.0, metavar="S", help="of the run (default: 4)")
+    run.add_argument("--duration", type=float, metavar="S",
+                     help="of the run (default: the planned move and 1.5 s more, at least 4)")  # fmt: skip
+    run.add_argument("--jump", action="store_true",
+                     help="let the set-point jump, instead of moving it within the arm's limits")  # fmt: skip
     run.add_argument(
         "--dt", type=float, default=1e-3, metavar="S", help="step of the controller (default: 0.001)"
     )

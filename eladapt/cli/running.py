@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import functools
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,8 @@ from eladapt.cli.checking import find
 from eladapt.control.composite import CompositeController
 from eladapt.control.reports import carried, friction
 from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_number, require_vector
+from eladapt.motion.motions import move
+from eladapt.motion.shaped import Shaped, ShapedState
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
 from eladapt.simulation.disturbances import Noise, Payload
@@ -23,6 +24,7 @@ from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.run import simulate
 from eladapt.theory.certificates import certify
 
+SHORTEST, REST = 4.0, 1.5  # [s] of a run whose duration is not given: at least, and after the planned move
 NEAR = 0.5  # [rad] from home, where a robot has no goal of its own
 
 
@@ -32,11 +34,14 @@ def run(options: argparse.Namespace) -> None:
     goal = _posture(robot, "--goal", options.goal, _own_goal(robot))
     start = _posture(robot, "--start", options.start, robot.home)
     dt = require_number("--dt", options.dt, 0)
-    duration = require_number("--duration", options.duration, 0)
+    planned = move(robot, start, goal).duration if not options.jump else SHORTEST
+    duration = max(SHORTEST, planned + REST) if options.duration is None else options.duration
+    duration = require_number("--duration", duration, 0)
     if duration < dt:
         raise ArgumentError(f"--duration: expected at least a step of {dt:g} s, got {duration:g} s")
     plant = _plant(robot, start, options)
     controller = CompositeController.for_robot(robot, dt)
+    stepped = controller if options.jump else Shaped(controller)
     title = robot.name + (f", {options.payload:g} kg" if options.payload is not None else "")
 
     options.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before the run
@@ -47,11 +52,11 @@ def run(options: argparse.Namespace) -> None:
             from eladapt.viewing.viewer import view
 
             live = open_views.enter_context(
-                view(robot, live=True, load=functools.partial(carried, controller))
+                view(robot, live=True, load=lambda state: carried(controller, _inner(state)))
             )
         try:
             record = simulate(
-                controller,
+                stepped,
                 plant,
                 goal,
                 duration,
@@ -63,6 +68,7 @@ def run(options: argparse.Namespace) -> None:
             )
         except SimulationError as reason:
             failure, record = reason, reason.record
+    record = dataclasses.replace(record, final_state=_inner(record.final_state))
     if failure is None and not options.no_certificates:
         record = _certified(record, controller, dt)
     written = _write(record, options.out)
@@ -125,6 +131,11 @@ def _own_goal(robot: Robot) -> np.ndarray:
         return robot.target
     away = np.where(robot.home + NEAR <= robot.upper, NEAR, -NEAR)
     return np.clip(robot.home + away, robot.lower, robot.upper)
+
+
+def _inner(state: Any) -> Any:
+    """The controller's state."""
+    return state.inner if isinstance(state, ShapedState) else state
 
 
 def _certified(record: Record, controller: CompositeController, dt: float) -> Record:

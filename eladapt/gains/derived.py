@@ -15,6 +15,7 @@ import numpy as np
 
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number
 from eladapt.gains.extremes import Mode, adaptation_mode, configurations, effort, extremes, fall_mode
+from eladapt.gains.rules import Rule, rules_table, shown
 from eladapt.gains.sensing import Hardware, choose_floor, choose_horizon
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
@@ -34,15 +35,6 @@ IDEAL = Hardware()
 MAY_BE_ZERO = ("rotors", "D_L", "floor", "stiction_speed", "tolerance", "still_speed")
 LEAST_PRIOR, PRIOR_OF_NOISE = 1e-10, 0.01
 FLOOR_SAMPLES = 20  # configurations over which the information that noise makes is taken
-
-
-class Rule(NamedTuple):
-    """Where a gain comes from."""
-
-    gain: str
-    value: str
-    rule: str
-    active: str  # the limit that was active, or how the gain was given
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +63,7 @@ class Gains:
     rules: tuple[Rule, ...]
 
     def __str__(self) -> str:
-        cells = [Rule._fields, *self.rules]
-        widths = [max(len(row[k]) for row in cells) for k in range(3)]
-        lines = [
-            "  ".join([*(c.ljust(w) for c, w in zip(row, widths, strict=False)), row[3]]) for row in cells
-        ]
-        return "\n".join(line.rstrip() for line in lines)
+        return rules_table(self.rules)
 
 
 class SlidingGains(NamedTuple):
@@ -124,7 +111,7 @@ def derive_gains(
             checked = require_gain(name, given[name], size, zero=name in MAY_BE_ZERO)
             derived = checked if size else float(checked)
             rule, active = "given by the caller", "given"
-        rules.append(Rule(name, _short(derived), rule, active))
+        rules.append(Rule(name, shown(derived), rule, active))
         return derived
 
     rotors = settle(
@@ -253,8 +240,3 @@ def _by_joint(robot: Robot, masks: Mapping[str, np.ndarray]) -> str:
         if mask.any():
             parts.append(f"{text}: {', '.join(np.array(robot.joint_names)[mask])}")
     return "; ".join(parts)
-
-
-def _short(value: Any) -> str:
-    array = np.asarray(value, dtype=float)
-    return f"[{', '.join(f'{x:.3g}' for x in array)}]" if array.ndim else f"{array:.3g}"

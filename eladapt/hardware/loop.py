@@ -14,6 +14,8 @@ import numpy as np
 
 from eladapt.errors import ArgumentError, EladaptError, LoopError, require_number
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
+from eladapt.motion.limits import MotionLimits
+from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
 from eladapt.records.recorder import Recorder
 from eladapt.records.state_file import StateWriter, on_clock
@@ -64,6 +66,8 @@ def run_loop(
     every: float = 1.0,
     priority: int | None = None,
     title: str = "",
+    shaped: bool = True,
+    limits: MotionLimits | None = None,
 ) -> LoopResult:
     """Regulate a robot for ``duration`` [s], reading and writing once every ``dt`` [s].
 
@@ -71,7 +75,9 @@ def run_loop(
     returns either. state: of an earlier run, to go on with what it had learned, also if the robot's clock was
     set since; None begins afresh. When a gate latches a fault, its fallback goes on for ``after_fault`` [s].
     checkpoint: a file to which the state is saved every ``every`` [s] and at the end, for `load_state`; a
-    write takes a millisecond or two. priority: see `undisturbed`.
+    write takes a millisecond or two. priority: see `undisturbed`. shaped: whether the goal becomes a
+    reference within ``limits`` (None: `MotionLimits.for_robot`), so that a set-point that jumps makes the arm
+    move smoothly, see `Shaped`; the state is that of the controller inside.
 
     The interface's `stop` is called however the loop ends. Raises LoopError, with record, state and timing so
     far, for whatever the robot, the goal or the controller raises; an interrupt from the keyboard ends the
@@ -83,9 +89,10 @@ def run_loop(
         raise ArgumentError(f"duration: expected at least one step of {dt:g} s, got {duration:g} s")
     if (fault := getattr(state, "fault", None)) is not None:
         raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
-    loop = _Loop(controller, interface, goal, dt, steps, title)
+    shaping = Shaped(controller, limits) if shaped and not isinstance(controller, Shaped) else None
+    loop = _Loop(controller, shaping, interface, goal, dt, steps, title)
     writer = StateWriter(controller) if checkpoint else None
-    _warm_up(controller, dt)
+    _warm_up(shaping or controller, dt)
     ended, cause = "duration", None
     with undisturbed(priority):
         try:
@@ -126,6 +133,7 @@ class _Loop:
     def __init__(
         self,
         controller: BareController,
+        shaping: Shaped | None,
         interface: RobotInterface,
         goal: GoalCourse,
         dt: float,
@@ -133,11 +141,12 @@ class _Loop:
         title: str,
     ):
         self.robot = controller.robot
-        self.controller, self.interface, self.dt = controller, interface, dt
+        self.controller, self.shaping, self.interface, self.dt = controller, shaping, interface, dt
         self.goal_at: Callable[[float], Goal] = goal if callable(goal) else (lambda _t: goal)
         self.pacer = Pacer(dt, steps + 1)
         self.recorder = Recorder(self.robot, controller, dt, steps + 1, title)
-        self.state: Any = None
+        self.state: Any = None  # the controller's
+        self.reference: Any = None  # the shaping's state, where there is one
         self.began = 0.0  # [s] by the robot's clock
 
     def begin(self, state: Any) -> None:
@@ -145,6 +154,8 @@ class _Loop:
         first = self.interface.read()
         self.began = first.t
         self.state = self.controller.init(first) if state is None else self._resumed(state, first)
+        if self.shaping:
+            self.reference = self.shaping.around(self.state, first)
         self.recorder.reserve(self.state)
         self.pacer.restart()
 
@@ -161,7 +172,11 @@ class _Loop:
         measurement = self.interface.read()
         self.pacer.began(time.monotonic() - before)
         goal = self.goal_at(_number(getattr(measurement, "t", None)) - self.began)
-        self.state, tau = self.controller.step(self.state, measurement, goal, self.dt)
+        if self.shaping:
+            self.reference, tau = self.shaping.step(self.reference, measurement, goal, self.dt)
+            self.state = self.reference.inner
+        else:
+            self.state, tau = self.controller.step(self.state, measurement, goal, self.dt)
         self.interface.write(tau)
         nq, nv = self.robot.nq, self.robot.nv
         q, v = (_vector(getattr(measurement, n, None), size) for n, size in (("q", nq), ("v", nv)))

@@ -24,6 +24,7 @@ class Entry(NamedTuple):
     goal: list[float] | None
     tool: str | None
     zero_parameters: tuple[str, ...]
+    limits: Mapping[str, list[float]]
     description: str
 
 
@@ -58,6 +59,7 @@ def entry(name: str) -> Entry:
         goal=table.get("goal"),
         tool=table.get("tool"),
         zero_parameters=tuple(table.get("zero_parameters", ())),
+        limits=table.get("limits", {}),
         description=table.get("description", ""),
     )
 

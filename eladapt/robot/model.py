@@ -15,7 +15,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, UnknownNameError, UrdfError, require_number, require_vector
+from eladapt.errors import (
+    ArgumentError,
+    UnknownNameError,
+    UrdfError,
+    require_gain,
+    require_number,
+    require_vector,
+)
 from eladapt.robot import library
 from eladapt.robot.reading import (
     clipped_neutral,
@@ -31,6 +38,7 @@ from eladapt.urdf.checks import check_mimics, check_model, check_urdf
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 DOUBLE = np.dtype(float)
+PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
 UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
 
 
@@ -51,6 +59,8 @@ class Robot:
     locked: tuple[str, ...] = ()
     tool: str = ""  # frame of the end effector
     zero_parameters: tuple[str, ...] = ()  # standard parameters known to be zero, as "my(elbow)"
+    # What the maker publishes beside the URDF, (nv,) each: any of `PUBLISHED`.
+    published: Mapping[str, np.ndarray] = field(default_factory=dict)
     _data: pin.Data = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -82,15 +92,18 @@ class Robot:
         target: Sequence[float] | np.ndarray | None = None,
         tool: str | None = None,
         zero_parameters: Iterable[str] = (),
+        published: Mapping[str, Sequence[float] | np.ndarray] | None = None,
     ) -> Robot:
         """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
 
         Locked joints stay at their neutral position, clipped to their limits. ``armature`` maps
         joint names to rotor inertias [kg m^2]. ``zero_parameters`` are standard parameters that
         symmetry makes zero, as "my(elbow)" for the body behind that joint: `Regressors` then has no
-        column for them. ``home`` defaults to the neutral posture, clipped to the limits, and
-        ``target`` to home. Raises UrdfError with every fault found, and
-        UnknownNameError for a joint or frame that does not exist.
+        column for them. ``published`` are limits that the maker gives beside the URDF, a positive
+        number a joint, by the names of `PUBLISHED`; motions and the torque gate keep to them.
+        ``home`` defaults to the neutral posture, clipped to the limits, and ``target`` to home.
+        Raises UrdfError with every fault found, and UnknownNameError for a joint, frame or limit
+        that does not exist.
         """
         path = Path(path)
         check_urdf(path, package_dirs)
@@ -113,6 +126,7 @@ class Robot:
             locked=tuple(locked_names),
             tool=tool or last_body(model),
             zero_parameters=tuple(zero_parameters),
+            published=_published(published or {}, model.nv),
             home=home,
             target=home if target is None else require_vector("target", target, model.nv),
         )
@@ -124,6 +138,7 @@ class Robot:
         return cls.from_urdf(
             entry.urdf, entry.package_dirs, entry.locked, name=name, armature=entry.armature,
             home=entry.home, target=entry.goal, tool=entry.tool, zero_parameters=entry.zero_parameters,
+            published=entry.limits,
         )  # fmt: skip
 
     @functools.cached_property
@@ -275,6 +290,7 @@ class Robot:
             "zero_parameters": list(self.zero_parameters),
             "home": self.home.tolist(),
             "target": self.target.tolist(),
+            "published": {name: limit.tolist() for name, limit in self.published.items()},
         }
 
     @classmethod
@@ -363,6 +379,13 @@ class Robot:
             if self.model.nqs[joint] == 1 and low < high:
                 lower[i], upper[i] = low, high
         return lower, upper
+
+
+def _published(given: Mapping[str, Sequence[float] | np.ndarray], nv: int) -> dict[str, np.ndarray]:
+    """Limits by name, checked."""
+    if unknown := [name for name in given if name not in PUBLISHED]:
+        raise UnknownNameError("published limit", unknown, PUBLISHED)
+    return {name: require_gain(f"published {name}", values, nv) for name, values in given.items()}
 
 
 def _is_vector(value: object, size: int) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eladapt.errors import require_number
+from eladapt.errors import require_gain, require_number
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
 
@@ -24,9 +24,9 @@ SWEEPS = 4  # correcting one joint may accelerate another; more than two sweeps 
 class Barrier:
     """Bounds of speed; velocity, lower, upper (nv,), inf where nothing is set.
 
-    share: of the speed limit that is used. time [s]: to the end of the range, braking from the speed limit
-    takes v / time [rad/s^2]. horizon: h [s], not below the time in which torque
-    can change from none to all. memory [s]: of the torque that the model does not
+    share: of the speed limit that is used. time [s]: to the end of the range, scalar or (nv,); braking from
+    the speed limit takes v / time [rad/s^2]. horizon: h [s], scalar or (nv,), not below the time in which
+    torque can change from none to all. memory [s], scalar or (nv,): of the torque that the model does not
     explain; where that is off by d, the speed exceeds its bound by up to h d / M, M the inertia of the joint.
     """
 
@@ -34,15 +34,15 @@ class Barrier:
     velocity: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-    share: float = 0.85
-    time: float = 0.1
-    horizon: float = 0.01
-    memory: float = 0.005
+    share: float = 0.9
+    time: float | np.ndarray = 0.1
+    horizon: float | np.ndarray = 0.01
+    memory: float | np.ndarray = 0.005
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "share", require_number("share", self.share, 0, 1, closed=True))
         for name in ("time", "horizon", "memory"):
-            object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
+            object.__setattr__(self, name, require_gain(name, getattr(self, name), self.robot.nv))
 
     def unexplained(
         self, before: np.ndarray, last: Measurement, measurement: Measurement, dt: float

@@ -31,6 +31,7 @@ FAULTS = (
 
 FULL = 0.99  # of the effort limit
 FADING = 0.2  # [s]
+LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
 FASTEST = 1e3  # [rad/s] no arm turns at 10,000 rpm; where the URDF sets no limit, this one holds
 ROUNDING = 1e-9  # of max_age: steps of dt that sum up to it do not exceed it
 
@@ -120,9 +121,9 @@ class TorqueGate:
         """Limits from the URDF; those ``given`` by name are kept.
 
         effort: the URDF's, or max(3 max|g|, 20 max M) where it sets none. torque_rate: all of it in 10 ms, or
-        ten steps of dt. velocity: 1.1 times the URDF's, 1 for what a noisy sensor adds. max_age: 20 ms, or
-        five steps. P: all effort at half a radian; D: critical for the largest inertia. Raises
-        UnknownNameError for a name that is no limit.
+        ten steps of dt, and no more than the maker allows. velocity: 1.1 times the URDF's, 1 for what a noisy
+        sensor adds. max_age: 20 ms, or five steps. P: all effort at half a radian; D: critical for the
+        largest inertia. Raises UnknownNameError for a name that is no limit.
         """
         dt = require_number("dt", dt, 0)
         legal = [name for name in cls.__dataclass_fields__ if name != "robot"]
@@ -131,8 +132,11 @@ class TorqueGate:
         largest = extremes(robot)
         limit = np.broadcast_to(np.asarray(given.get("effort", effort(robot, largest)), float), robot.nv)
         P = np.broadcast_to(np.asarray(given.get("P", 2 * limit), float), robot.nv)
+        rate = limit / max(0.01, 10 * dt)
+        if "torque_rate" in robot.published:
+            rate = np.minimum(rate, robot.published["torque_rate"])
         derived = {
-            "effort": limit, "torque_rate": limit / max(0.01, 10 * dt), "max_age": max(0.02, 5 * dt),
+            "effort": limit, "torque_rate": rate, "max_age": max(0.02, 5 * dt),
             "horizon": max(0.01, 3 * dt),
             "velocity": 1.1 * robot.velocity_limit, "lower": robot.lower, "upper": robot.upper,
             "P": P, "D": 2 * np.sqrt(P * largest.inertia),
@@ -142,7 +146,9 @@ class TorqueGate:
             np.broadcast_to(np.asarray(limits[name], dtype=float), robot.nv)
             for name in ("velocity", "lower", "upper")
         )
-        barrier = Barrier(robot, velocity, lower, upper, horizon=max(0.01, 10 * dt))
+        reversing = np.asarray(limits["effort"]) / np.asarray(limits["torque_rate"])
+        horizon = np.maximum(max(0.01, 10 * dt), np.minimum(reversing, LONGEST_HORIZON))
+        barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 2 * horizon), horizon=horizon)
         return cls(robot, **{"barrier": barrier, **limits})
 
     def init(self, measurement: Measurement) -> GateState:

@@ -19,7 +19,7 @@ from eladapt.errors import ArgumentError, EladaptError, SimulationError, require
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import Friction, Noise, Payload
-from eladapt.simulation.plants import NoiseModel, described
+from eladapt.simulation.plants import NoiseModel, described, holding
 
 try:
     import mujoco
@@ -112,10 +112,10 @@ class MujocoPlant:
         return described(self, *(["dynamics of another's MJCF"] if self.mjcf is not None else []))
 
     def reset(self) -> Measurement:
-        """Back to the initial state, with the noise from its seed."""
+        """Back to the initial state, with the noise from its seed; an arm at rest has been held there."""
         self._rng = np.random.default_rng(self.seed)
         self.t, self.q, self.v = 0.0, self.q0.copy(), self.v0.copy()
-        self.tau = np.zeros(self.robot.nv)
+        self.tau = holding(self.robot, self.bias(self.q0, self.v0), self.v0)
         self._x = self.robot.coordinates(self.q0)
         self._model_now, self._data = self._bare, mujoco.MjData(self._bare)
         return self._measure()

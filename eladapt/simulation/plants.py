@@ -72,10 +72,12 @@ class PinocchioPlant:
         return self.friction
 
     def reset(self) -> Measurement:
-        """Back to the initial state, with the noise from its seed."""
+        """Back to the initial state, with the noise from its seed; an arm at rest has been held there."""
         self._rng = np.random.default_rng(self.seed)
         self._step, self.t, self.q, self.v = 0, 0.0, self.q0.copy(), self.v0.copy()
-        self.tau = np.zeros(self.robot.nv)
+        model = self._loaded if self.payload and self.payload.held(0.0) else self.robot.model
+        gravity = pin.computeGeneralizedGravity(model, model.createData(), self.q0)
+        self.tau = holding(self.robot, gravity, self.v0)
         return self._measure()
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
@@ -139,6 +141,13 @@ class PinocchioPlant:
         inverse = h * (np.triu(inverse) + np.triu(inverse, 1).T)
         force = _active_set(free, inverse, bound)
         return _projected_sweeps(free, inverse, bound) if force is None else force
+
+
+def holding(robot: Robot, gravity: np.ndarray, v0: np.ndarray) -> np.ndarray:
+    """(nv,) [N m] what held an arm until it was let go: its gravity, as far as its motors can, and nothing if
+    it is in motion."""
+    limit = robot.effort_limit
+    return np.zeros(robot.nv) if v0.any() else np.clip(gravity, -limit, limit)
 
 
 def described(plant: Any, *more: str) -> str:

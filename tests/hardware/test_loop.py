@@ -153,7 +153,7 @@ def test_a_goal_may_be_a_reference_that_moves():
     def course(t):
         return ea.Reference(robot.integrate(plant.q0, t * moved), moved, still)
 
-    result = ea.run_loop(controller, Simulated(plant), course, 0.2, DT)
+    result = ea.run_loop(controller, Simulated(plant), course, 0.2, DT, shaped=False)
     record = result.record
     assert result.fault is None
     np.testing.assert_array_equal(record.goal_velocity, np.tile(moved, (len(record), 1)))
@@ -170,10 +170,10 @@ def test_a_checkpoint_carries_what_was_learned_to_the_next_run(tmp_path):
     """The next run, on a robot whose clock begins again, has the estimate and the information of the last."""
     _, controller, plant, goal = made()
     path = tmp_path / "state.npz"
-    first = ea.run_loop(controller, Simulated(plant), goal, 1.0, DT, checkpoint=path, every=0.25)
+    first = ea.run_loop(controller, Simulated(plant), goal, 2.0, DT, checkpoint=path, every=0.25)
     state = ea.load_state(path, controller)
     assert np.array_equal(state.theta, first.state.theta)
-    second = ea.run_loop(controller, Simulated(plant), goal, 1.0, DT, state=state)
+    second = ea.run_loop(controller, Simulated(plant), goal, 2.0, DT, state=state)
     assert second.fault is None
     assert second.record.theta_true is None, "of a real robot nothing is known"
     true = controller.regressors.theta_potential

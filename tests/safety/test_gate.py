@@ -67,7 +67,7 @@ def test_every_robot_regulates_within_the_limits_of_its_urdf(name):
     assert record.settling_time() < 3
     assert np.all(np.abs(record.v) <= gate.velocity)
     assert np.all(np.abs(record.tau) <= gate.effort)
-    rate = np.abs(np.diff(record.tau, axis=0, prepend=np.zeros((1, robot.nv)))) / DT
+    rate = np.abs(np.diff(record.tau, axis=0, prepend=plant.reset().tau[None])) / DT
     assert np.all(rate <= gate.torque_rate * (1 + 1e-9))  # rounding of the difference
     assert len(record.theta_labels) == record.theta.shape[1] == controller.regressors.n_potential
 
@@ -236,12 +236,14 @@ def test_guards_name_what_diverges():
 
 
 def test_the_barrier_keeps_speed_and_range_against_a_controller_that_does_not():
-    """Half of all torque to and fro: joints reach half their speed limits, none passes it or its range."""
+    """Half of all torque to and fro: joints reach half their speed limits, none passes the gate's, a tenth
+    above, or its range."""
     robot = load("panda")
     limit = 0.5 * robot.effort_limit
     controller = ea.GatedController.for_robot(
         Dictated(robot, lambda k: limit * np.sin(2 * np.pi * k / 1600)),
         guard=DivergenceGuard(error_margin=10, stall=1e3, growths=1e3),
+        torque_rate=robot.effort_limit / 0.01,  # the maker's takes 90 ms to reverse: too late for such a law
     )
     plant, measurement, state, goal = started(controller)
     speeds, positions = [], []
@@ -252,7 +254,7 @@ def test_the_barrier_keeps_speed_and_range_against_a_controller_that_does_not():
         positions.append(robot.coordinates(measurement.q))
     assert state.fault is None
     assert np.all(np.max(speeds, axis=0) > 0.5 * robot.velocity_limit)
-    assert np.all(speeds <= robot.velocity_limit)
+    assert np.all(speeds <= controller.gate.velocity)
     assert np.all((robot.lower <= positions) & (positions <= robot.upper))
 
 

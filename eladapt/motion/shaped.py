@@ -1,0 +1,244 @@
+"""Any goal as a reference within an arm's limits, planned anew in every step."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
+
+from eladapt.compiling import SCALAR, VECTOR, VIEW, kernel, prepare
+from eladapt.errors import ArgumentError
+from eladapt.motion.limits import MotionLimits
+from eladapt.robot.model import Robot
+from eladapt.robot.protocols import BareController, Goal, Recorded, handed_on, recorded_by
+from eladapt.signals import Measurement, Reference
+
+EXACT = 1 + 1e-6  # of the limits by a goal that is planned to the limits and rounded
+NEAR = 1e-3  # [rad or m] from where the arm is seen, a first goal is where it begins
+USABLE = 0.99  # of the limits by a goal that is to be caught
+
+
+class _Frame(NamedTuple):
+    """What a step of planning needs."""
+
+    neutral: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    limits: tuple[np.ndarray, np.ndarray, np.ndarray]
+    problem: InputParameter
+    trajectory: Trajectory
+    planner: Ruckig
+
+
+@kernel(VECTOR, VIEW, VIEW, VIEW, VIEW, VECTOR, VECTOR, VECTOR, SCALAR)
+def reached(
+    way: np.ndarray, v: np.ndarray, a: np.ndarray, goal_v: np.ndarray, goal_a: np.ndarray,
+    velocity: np.ndarray, acceleration: np.ndarray, jerk: np.ndarray, dt: float,
+) -> bool:  # fmt: skip
+    """Whether a goal within the limits, ``way`` (nv,) off, is where a step of dt leads that keeps to the jerk
+    limit."""
+    for i in range(len(way)):
+        if abs(goal_v[i]) > EXACT * velocity[i] or abs(goal_a[i]) > EXACT * acceleration[i]:
+            return False
+        allowed = EXACT * jerk[i] * dt
+        if abs(goal_a[i] - a[i]) > allowed or abs(goal_v[i] - v[i] - dt * a[i]) > allowed * dt:
+            return False
+        if abs(way[i] - dt * (v[i] + dt / 2 * a[i])) > allowed * dt * dt:
+            return False
+    return True
+
+
+class ShapedState(NamedTuple):
+    """What a `Shaped` controller remembers."""
+
+    inner: Any  # the controller's state
+    reference: Reference  # where the arm should be now
+    t: float  # [s] of the measurement that the reference belongs to
+
+    @property
+    def fault(self) -> Any:
+        """The gate's inside, None where there is none."""
+        return getattr(self.inner, "fault", None)
+
+
+@dataclass(frozen=True, eq=False)
+class Shaped:
+    """A controller whose goal may jump, reverse or run away: it is given a reference within the limits.
+
+    In every step the fastest way from where the reference is to the goal, all joints arriving together, is
+    planned anew by ruckig, and the reference goes the first dt of it; so neither position nor velocity nor
+    acceleration jumps, whatever the goal does. A goal that moves within the limits is followed to the letter
+    once it is reached. A goal beyond the joint limits is taken at the limit. While a gate inside holds a
+    fault, the reference stands where the arm is.
+
+    limits: None for `MotionLimits.for_robot` of the controller's robot. Put it around a gate, so that the
+    gate judges what the controller is asked for: ``Shaped(GatedController.for_robot(controller))``.
+    """
+
+    controller: BareController
+    limits: MotionLimits | None = None
+
+    def __post_init__(self) -> None:
+        prepare()
+        limits = self.limits or MotionLimits.for_robot(self.controller.robot)
+        if limits.robot.joint_names != self.controller.robot.joint_names:
+            raise ArgumentError(
+                f"limits: expected those of the joints {self.controller.robot.joint_names}, "
+                f"got {limits.robot.joint_names}"
+            )
+        object.__setattr__(self, "limits", limits)
+
+    def __repr__(self) -> str:
+        return f"Shaped({self.controller!r})"
+
+    @property
+    def robot(self) -> Robot:
+        return self.controller.robot
+
+    @property
+    def regressors(self) -> Any:
+        """The controller's, None if it has none."""
+        return getattr(self.controller, "regressors", None)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The controller's."""
+        return self._recorded.labels
+
+    def recorded(self, state: ShapedState) -> Mapping[str, np.ndarray]:
+        """What the controller has recorded."""
+        return self._recorded.recorded(state.inner)
+
+    def reviewed(self, state: ShapedState, frame: str | None) -> Mapping[str, np.ndarray]:
+        """What the controller has reviewed."""
+        return self._recorded.reviewed(state.inner, frame)
+
+    def true_parameters(self, model: pin.Model) -> np.ndarray | None:
+        """The controller's."""
+        return self._recorded.true_parameters(model)
+
+    def init(self, measurement: Measurement, theta0: Any = None) -> ShapedState:
+        """The reference where the arm is, as fast as it is within the limits; theta0 as the controller takes
+        it."""
+        given = () if theta0 is None else (theta0,)
+        return self.around(self.controller.init(measurement, *given), measurement)
+
+    def around(self, inner: Any, measurement: Measurement) -> ShapedState:
+        """The state that begins here with a state of the controller."""
+        return ShapedState(inner, self._here(measurement), measurement.t)
+
+    def step(
+        self, state: ShapedState, measurement: Measurement, goal: Goal, dt: float
+    ) -> tuple[ShapedState, np.ndarray]:
+        """The state at ``measurement`` and the torque (nv,) to hold for dt [s].
+
+        Raises what the controller raises; a goal that is none is handed on to it, which says so.
+        """
+        try:
+            wanted = self.robot.check_goal(goal)
+        except ArgumentError:
+            inner, tau = self.controller.step(state.inner, measurement, goal, dt)
+            return state._replace(inner=inner), tau
+        if state.fault is not None:
+            reference = self._here(measurement, state.reference)
+        elif measurement.t == state.t:
+            reference = self._begun(state.reference, wanted)
+        else:
+            reference = self.follow(state.reference, wanted, dt)
+        inner, tau = self.controller.step(state.inner, measurement, handed_on(reference), dt)
+        return ShapedState(inner, reference, getattr(measurement, "t", state.t)), tau
+
+    def follow(self, reference: Reference, goal: Reference, dt: float) -> Reference:
+        """The reference dt [s] later, on its way to the goal.
+
+        The way is planned beside the goal, as if that went on as it accelerates now: what is left of the
+        limits beside the goal's own motion is what it takes to come nearer. A goal that leaves nothing is
+        run after where it is.
+        """
+        model, frame = self.robot.model, self._frame
+        way = pin.difference(model, reference.q, goal.q)
+        x = pin.difference(model, frame.neutral, goal.q)
+        way += np.minimum(np.maximum(x, frame.lower), frame.upper) - x
+        velocity, acceleration, jerk = frame.limits
+        if reached(way, *reference[1:], *goal[1:], velocity, acceleration, jerk, dt):
+            return Reference(pin.integrate(model, reference.q, way), goal.v, goal.a)
+        still = np.zeros(self.robot.nv)
+        goal_v, goal_a = (still, still) if self._too_fast(goal) else (goal.v, goal.a)
+        step = self._planned(reference, way, goal_v, goal_a, dt)
+        if step is None and goal_v is not still:
+            step = self._planned(reference, way, still, still, dt)
+        if step is None:
+            raise ArgumentError(f"motion: ruckig finds none from {reference} to {goal}")
+        return step
+
+    def _planned(
+        self, reference: Reference, way: np.ndarray, goal_v: np.ndarray, goal_a: np.ndarray, dt: float
+    ) -> Reference | None:
+        """The first step of the fastest way to a goal that is ``way`` (nv,) off and goes on like this; None
+        where the planner finds no way."""
+        frame = self._frame
+        velocity, acceleration, _ = frame.limits
+        problem, trajectory = frame.problem, frame.trajectory
+        problem.current_position = dt * (goal_v - dt / 2 * goal_a) - way
+        problem.current_velocity = reference.v - goal_v + dt * goal_a
+        problem.current_acceleration = reference.a - goal_a
+        problem.max_velocity, problem.min_velocity = velocity - goal_v, -velocity - goal_v
+        problem.max_acceleration, problem.min_acceleration = acceleration - goal_a, -acceleration - goal_a
+        for together in (Synchronization.Time, Synchronization.No):
+            problem.synchronization = together
+            try:  # some states in the midst of reversals cannot arrive together
+                frame.planner.calculate(problem, trajectory)
+            except (RuckigError, ValueError):
+                continue
+            left, left_v, left_a = map(np.array, trajectory.at_time(dt))
+            q = pin.integrate(self.robot.model, reference.q, way + left)
+            return Reference(q, goal_v + left_v, goal_a + left_a)
+        return None
+
+    def _too_fast(self, goal: Reference) -> bool:
+        """Whether too little of the limits is left beside a goal's own motion to come nearer."""
+        velocity, acceleration, _ = self._frame.limits
+        return bool(
+            np.any(np.abs(goal.v) > USABLE * velocity) or np.any(np.abs(goal.a) > USABLE * acceleration)
+        )
+
+    def _begun(self, reference: Reference, goal: Reference) -> Reference:
+        """Where the reference begins, given the first goal: noise of the first sample is no distance."""
+        near = np.abs(pin.difference(self.robot.model, reference.q, goal.q)) <= NEAR
+        return goal if near.all() and not goal.v.any() and not goal.a.any() else reference
+
+    @functools.cached_property
+    def _recorded(self) -> Recorded:
+        return recorded_by(self.controller)
+
+    @functools.cached_property
+    def _frame(self) -> _Frame:
+        """What stays the same from step to step, and memory of the planner, which holds nothing."""
+        robot, limits = self.robot, self.limits
+        assert limits is not None
+        problem = InputParameter(robot.nv)
+        problem.max_jerk = limits.jerk
+        return _Frame(
+            pin.neutral(robot.model), robot.lower, robot.upper,
+            (limits.velocity, limits.acceleration, limits.jerk),
+            problem, Trajectory(robot.nv), Ruckig(robot.nv),
+        )  # fmt: skip
+
+    def _here(self, measurement: Measurement, otherwise: Reference | None = None) -> Reference:
+        """Where the arm is, at the speed that it has as far as that is within the limits."""
+        limits = self.limits
+        assert limits is not None
+        try:
+            _, q, v, _ = self.robot.check_measurement(measurement)
+        except ArgumentError:
+            if otherwise is None:
+                raise
+            return otherwise
+        return Reference(
+            q, np.minimum(np.maximum(v, -limits.velocity), limits.velocity), np.zeros(self.robot.nv)
+        )

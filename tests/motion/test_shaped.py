@@ -1,0 +1,156 @@
+"""Whatever a goal does, the reference that a controller is given keeps to the limits."""
+
+import itertools
+
+import numpy as np
+import pytest
+from shared import DT, load
+
+import eladapt as ea
+from eladapt.errors import ArgumentError
+
+
+def made(name: str) -> tuple[ea.Robot, ea.Shaped]:
+    robot = load(name)
+    return robot, ea.Shaped(ea.CompositeController.for_robot(robot, DT))
+
+
+def references(shaped: ea.Shaped, course, steps: int) -> tuple[np.ndarray, ...]:
+    """q, v and a of the reference under a course of goals, from rest at home."""
+    robot = shaped.robot
+    reference = robot.check_goal(robot.configuration(robot.home))
+    kept = [reference]
+    for k in range(steps):
+        reference = shaped.follow(reference, robot.check_goal(course(k * DT)), DT)
+        kept.append(reference)
+    return tuple(np.array(part) for part in zip(*kept, strict=True))
+
+
+def keeps(shaped: ea.Shaped, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> bool:
+    """Whether velocity, acceleration and jerk are within the limits, and the position their integral."""
+    limits, robot = shaped.limits, shaped.robot
+    within = np.all(np.abs(v) <= limits.velocity * (1 + 1e-9))
+    within &= np.all(np.abs(a) <= limits.acceleration * (1 + 1e-9))
+    within &= np.all(np.abs(np.diff(a, axis=0)) / DT <= limits.jerk * (1 + 1e-6))
+    steps = np.array([robot.difference(one, two) for one, two in itertools.pairwise(q)])
+    # Where the jerk changes within a step, its motion is not one cubic: off by up to dt^3 of the jerk.
+    missed = steps - DT * (v[:-1] + v[1:]) / 2 + DT**2 / 12 * (a[1:] - a[:-1])
+    return bool(within and np.all(np.abs(missed) <= limits.jerk * DT**3 + 1e-12))
+
+
+@pytest.mark.parametrize("name", ["two_link", "panda", "ur5", "kinova"])
+def test_a_goal_that_jumps_every_10_ms_for_a_second(name):
+    """No limit is passed, and once the goal stays, the reference arrives there and rests."""
+    robot, shaped = made(name)
+    rng = np.random.default_rng(0)
+    goals = [robot.random_configuration(rng) for _ in range(101)]
+    q, v, a = references(shaped, lambda t: goals[min(int(t / 0.01), 100)], 12000)
+    assert keeps(shaped, q, v, a)
+    assert np.abs(robot.difference(q[-1], goals[-1])).max() < 1e-12
+    assert not v[-1].any()
+    assert not a[-1].any()
+
+
+def test_a_reversal_in_mid_motion():
+    robot, shaped = made("panda")
+    home, target = robot.configuration(robot.home), robot.configuration(robot.target)
+    q, v, a = references(shaped, lambda t: target if t < 0.8 else home, 6000)
+    assert keeps(shaped, q, v, a)
+    assert np.abs(v[799]).max() > 0.3, "it was in motion"
+    assert np.abs(robot.difference(q[-1], home)).max() < 1e-12
+
+
+def test_a_goal_beyond_the_joint_limits_is_taken_at_the_limit():
+    robot, shaped = made("panda")
+    x = robot.home.copy()
+    x[3] += 5.0
+    q, v, a = references(shaped, lambda t: robot.configuration(x), 6000)
+    assert keeps(shaped, q, v, a)
+    assert robot.coordinates(q[-1])[3] == pytest.approx(robot.upper[3], abs=1e-9)
+    assert np.all(np.array([robot.coordinates(one) for one in q]) <= robot.upper + 1e-9)
+
+
+def test_a_goal_that_moves_within_the_limits_is_followed_to_the_letter():
+    """Slow sines: caught up with within the limits, and from then on not a bit off."""
+    robot, shaped = made("ur5")
+    w = 0.5
+
+    def sines(t: float) -> ea.Reference:
+        x = robot.home + 0.2 + 0.2 * np.sin(w * t)
+        one = 0.2 * np.ones(robot.nv)
+        return ea.Reference(robot.configuration(x), one * w * np.cos(w * t), -one * w * w * np.sin(w * t))
+
+    steps = 4000
+    q, v, a = references(shaped, sines, steps)
+    assert keeps(shaped, q, v, a)
+    last = sines((steps - 1) * DT)
+    np.testing.assert_allclose(q[-1], last.q, atol=1e-14)
+    np.testing.assert_array_equal(v[-1], last.v)
+    np.testing.assert_array_equal(a[-1], last.a)
+
+
+def test_a_goal_that_runs_away_is_chased_within_the_limits():
+    """Sines of three times the speed and more than the acceleration that the limits allow."""
+    robot, shaped = made("panda")
+    limits = shaped.limits
+    w = 2.0
+
+    def sines(t: float) -> ea.Reference:
+        size = 3 * limits.velocity / w
+        q = robot.configuration(robot.home + size * np.sin(w * t))
+        return ea.Reference(q, size * w * np.cos(w * t), -size * w * w * np.sin(w * t))
+
+    assert keeps(shaped, *references(shaped, sines, 5000))
+
+
+@pytest.mark.parametrize("name", ["two_link", "panda", "ur5"])
+def test_a_move_behind_the_gate_from_the_urdf(name):
+    """As planned: at most its speed limits and 10 effort limits a second once the arm is held, no fault, and
+    there in time."""
+    robot = load(name)
+    controller = ea.Shaped(ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT))
+    start, goal = robot.configuration(robot.home), robot.configuration(robot.target)
+    planned = ea.move(robot, start, goal).duration
+    record = ea.simulate(
+        controller, ea.PinocchioPlant(robot, start), goal, 1.2 * planned + 0.5, DT, progress=False
+    )
+    assert record.final_state.fault is None
+    assert np.all(np.abs(record.v) <= robot.velocity_limit)
+    assert record.settling_time(1e-3) < planned + 0.1
+    rate = np.abs(np.diff(record.tau[record.t > 0.1], axis=0)) / DT
+    assert np.all(rate < 10 * robot.effort_limit)
+
+
+def test_a_run_goes_on_from_its_state_bit_for_bit():
+    """The planner remembers nothing: the same state gives the same reference and torque again."""
+    robot, shaped = made("panda")
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    measurement, goal = plant.reset(), robot.configuration(robot.target)
+    state = shaped.init(measurement)
+    for k in range(300):
+        before, seen = state, measurement
+        state, tau = shaped.step(state, measurement, goal, DT)
+        measurement = plant.step(tau, DT)
+        if k % 50 == 7:
+            again, torque = shaped.step(before, seen, goal, DT)
+            np.testing.assert_array_equal(torque, tau)
+            np.testing.assert_array_equal(again.reference.q, state.reference.q)
+
+
+def test_a_fault_holds_the_reference_where_the_arm_is():
+    """After a reset the arm starts from where it stands, not from where it should have been."""
+    robot = load("two_link")
+    shaped = ea.Shaped(ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT))
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    measurement, goal = plant.reset(), robot.configuration(robot.target)
+    state = shaped.init(measurement)
+    for k in range(600):
+        state, tau = shaped.step(state, measurement, goal * (np.nan if k == 200 else 1.0), DT)
+        measurement = plant.step(tau, DT)
+    assert state.fault.name == "goal"
+    assert np.abs(robot.difference(state.reference.q, measurement.q)).max() < 1e-3
+
+
+def test_limits_of_another_robot_are_refused():
+    with pytest.raises(ArgumentError, match="limits: expected those of the joints"):
+        ea.Shaped(ea.CompositeController.for_robot(load("ur5")), ea.MotionLimits.for_robot(load("panda")))
