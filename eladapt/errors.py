@@ -91,6 +91,10 @@ class StateError(EladaptError):
     """A file that is not the saved state of this controller, or a damaged one."""
 
 
+class UnitsWarning(UserWarning):
+    """A robot file whose numbers fit no arm, as in grams and millimetres."""
+
+
 class RankWarning(UserWarning):
     """The rank of the sampled regressors is not clear-cut."""
 

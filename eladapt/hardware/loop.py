@@ -15,6 +15,7 @@ import numpy as np
 from eladapt.errors import ArgumentError, EladaptError, LoopError, require_number
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.motion.limits import MotionLimits
+from eladapt.motion.motions import require_holdable, require_within
 from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
 from eladapt.records.recorder import Recorder
@@ -80,8 +81,9 @@ def run_loop(
     move smoothly, see `Shaped`; the state is that of the controller inside.
 
     The interface's `stop` is called however the loop ends. Raises LoopError, with record, state and timing so
-    far, for whatever the robot, the goal or the controller raises; an interrupt from the keyboard ends the
-    loop as the end of ``duration`` does.
+    far, for whatever the robot, the goal or the controller raises, and ArgumentError, before anything moves,
+    for a set-point beyond the joint limits or that the effort limits cannot hold; an interrupt from the
+    keyboard ends the loop as the end of ``duration`` does.
     """
     dt = require_number("dt", dt, 0)
     steps = round(require_number("duration", duration, 0) / dt)
@@ -89,6 +91,7 @@ def run_loop(
         raise ArgumentError(f"duration: expected at least one step of {dt:g} s, got {duration:g} s")
     if (fault := getattr(state, "fault", None)) is not None:
         raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
+    _require_reachable(controller.robot, goal)
     shaping = Shaped(controller, limits) if shaped and not isinstance(controller, Shaped) else None
     loop = _Loop(controller, shaping, interface, goal, dt, steps, title)
     writer = StateWriter(controller) if checkpoint else None
@@ -187,6 +190,20 @@ class _Loop:
     def record(self) -> Record | None:
         """All that was kept so far."""
         return self.recorder.record() if self.recorder.count else None
+
+
+def _require_reachable(robot: Robot, goal: GoalCourse) -> None:
+    """Raises ArgumentError for a set-point beyond the joint limits, or that the effort limits cannot hold.
+
+    What is no goal at all is left to the gate.
+    """
+    try:
+        q = None if callable(goal) else robot.check_goal(goal).q
+    except ArgumentError:
+        return
+    if q is not None:
+        require_within(robot, q, "goal")
+        require_holdable(robot, q, "goal")
 
 
 def _warm_up(controller: BareController, dt: float) -> None:

@@ -7,6 +7,7 @@ damping and friction nowhere), checked arguments, and limits in which 0 or missi
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ import pinocchio as pin
 
 from eladapt.errors import (
     ArgumentError,
+    UnitsWarning,
     UnknownNameError,
     UrdfError,
     require_gain,
@@ -34,10 +36,12 @@ from eladapt.robot.reading import (
     velocity_index,
 )
 from eladapt.signals import Measurement, Reference
-from eladapt.urdf.checks import check_mimics, check_model, check_urdf
+from eladapt.urdf.checks import check_mimics, check_model, check_urdf, coupled_joints
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 DOUBLE = np.dtype(float)
+MIMIC = "mimic"
+POSTURES = 50  # in which gravity is compared with the effort limits
 PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
 UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
 
@@ -93,10 +97,13 @@ class Robot:
         tool: str | None = None,
         zero_parameters: Iterable[str] = (),
         published: Mapping[str, Sequence[float] | np.ndarray] | None = None,
+        gravity: Sequence[float] | np.ndarray | None = None,
     ) -> Robot:
         """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
 
-        Locked joints stay at their neutral position, clipped to their limits. ``armature`` maps
+        Locked joints stay at their neutral position, clipped to their limits; "mimic" stands for all
+        that follow another joint. ``gravity`` [m/s^2] is that of the base's frame: (0, 0, 9.81) for
+        an arm that hangs from the ceiling. ``armature`` maps
         joint names to rotor inertias [kg m^2]. ``zero_parameters`` are standard parameters that
         symmetry makes zero, as "my(elbow)" for the body behind that joint: `Regressors` then has no
         column for them. ``published`` are limits that the maker gives beside the URDF, a positive
@@ -108,14 +115,17 @@ class Robot:
         path = Path(path)
         check_urdf(path, package_dirs)
         full = read_model(path)
-        locked_names = matching_joints(full, locked)
+        locked_names = matching_joints(full, _coupled_too(path, locked, list(full.names)))
         check_mimics(path, locked_names)
         model = lock(full, locked_names)
         for joint, inertia in (armature or {}).items():
             model.armature[velocity_index(model, joint)] = inertia
+        if gravity is not None:
+            model.gravity = pin.Motion(require_vector("gravity", gravity, 3), np.zeros(3))
         check_model(model, path)
         if tool is not None:
             frame_index(model, tool)
+        _warn_of_units(model, name or model.name)
         neutral = pin.difference(model, pin.neutral(model), clipped_neutral(model))
         home = neutral if home is None else require_vector("home", home, model.nv)
         return cls(
@@ -197,6 +207,10 @@ class Robot:
                 raise ArgumentError(f"x: expected a coordinate for every joint, none is given for {missing}")
             x = [x[name] for name in self.joint_names]
         return pin.integrate(self.model, pin.neutral(self.model), require_vector("x", x, self.nv))
+
+    def names(self, q: np.ndarray) -> dict[str, float]:
+        """The joint coordinates of q (nq,) by joint name, the inverse of `configuration`."""
+        return dict(zip(self.joint_names, map(float, self.coordinates(q)), strict=True))
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """q (nq,) -> joint coordinates (nv,); those of continuous joints in (-pi, pi]."""
@@ -290,6 +304,7 @@ class Robot:
             "zero_parameters": list(self.zero_parameters),
             "home": self.home.tolist(),
             "target": self.target.tolist(),
+            "gravity": self.model.gravity.linear.tolist(),
             "published": {name: limit.tolist() for name, limit in self.published.items()},
         }
 
@@ -379,6 +394,32 @@ class Robot:
             if self.model.nqs[joint] == 1 and low < high:
                 lower[i], upper[i] = low, high
         return lower, upper
+
+
+def _warn_of_units(model: pin.Model, name: str) -> None:
+    """Say so where gravity is more than the motors can hold wherever the arm is."""
+    data, limit = model.createData(), _set_or_inf(model.upperEffortLimit)
+    lower = np.maximum(model.lowerPositionLimit, -np.pi)
+    model = model.copy()
+    model.lowerPositionLimit, model.upperPositionLimit = lower, np.minimum(model.upperPositionLimit, np.pi)
+    pin.seed(0)
+    postures = [pin.randomConfiguration(model) for _ in range(POSTURES)]
+    shares = np.array([np.abs(pin.computeGeneralizedGravity(model, data, q)) / limit for q in postures])
+    if shares.max(axis=1).min() > 1:
+        k = int(np.argmax(shares.min(axis=0)))
+        warnings.warn(
+            f"{name}: gravity is more than the effort limits everywhere; {model.names[k + 1]} would need "
+            f"{np.median(shares[:, k]):.3g} times its {limit[k]:g} N m. Are masses and lengths in kg and m?",
+            UnitsWarning, stacklevel=3,
+        )  # fmt: skip
+
+
+def _coupled_too(path: Path, locked: Iterable[str], joints: Sequence[str]) -> list[str]:
+    """What is to be locked, with "mimic" standing for all joints that follow another one."""
+    given = [locked] if isinstance(locked, str) else list(locked)
+    if MIMIC not in given or MIMIC in joints:
+        return given
+    return [name for name in given if name != MIMIC] + list(coupled_joints(path))
 
 
 def _published(given: Mapping[str, Sequence[float] | np.ndarray], nv: int) -> dict[str, np.ndarray]:

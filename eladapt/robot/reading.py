@@ -33,12 +33,16 @@ def read_model(path: Path) -> pin.Model:
 
 
 def matching_joints(model: pin.Model, patterns: Iterable[str]) -> list[str]:
-    """The joints named, ``*`` matching any characters, in the model's order. Raises UnknownNameError."""
+    """The joints named, in the model's order; in what is no joint's name ``*`` matches any characters.
+
+    Raises UnknownNameError.
+    """
     if isinstance(patterns, str):
         patterns = (patterns,)
-    names, chosen, unknown = list(model.names)[1:], set(), []
+    chosen: set[str] = set()
+    names, unknown = list(model.names)[1:], []
     for pattern in patterns:
-        found = fnmatch.filter(names, pattern)
+        found = [pattern] if pattern in names else fnmatch.filter(names, pattern)
         chosen.update(found)
         if not found:
             unknown.append(pattern)

@@ -32,6 +32,7 @@ FAULTS = (
 FULL = 0.99  # of the effort limit
 FADING = 0.2  # [s]
 LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
+FAR = 1.0  # [rad or m] beyond its range no joint is where it is seen
 FASTEST = 1e3  # [rad/s] no arm turns at 10,000 rpm; where the URDF sets no limit, this one holds
 ROUNDING = 1e-9  # of max_age: steps of dt that sum up to it do not exceed it
 
@@ -157,6 +158,15 @@ class TorqueGate:
         _, q, v, tau = measurement
         if np.abs(v).max() > FASTEST:
             raise ArgumentError(f"measurement.v: expected at most {FASTEST:g} rad/s, got {v}")
+        x = self.robot.coordinates(q)
+        beyond = np.maximum(x - self.upper, self.lower - x)
+        if beyond.max() > FAR:
+            k = int(beyond.argmax())
+            degrees = self.lower[k] <= np.deg2rad(x[k]) <= self.upper[k]
+            raise ArgumentError(
+                f"measurement.q: {self.robot.joint_names[k]} at {x[k]:.4g} is far beyond its limits, "
+                f"{self.lower[k]:.4g} to {self.upper[k]:.4g}{'; are these degrees?' if degrees else ''}"
+            )
         tau = np.clip(tau, -self.effort, self.effort)
         nv = self.robot.nv
         here = Reference(q, np.zeros(nv), np.zeros(nv))

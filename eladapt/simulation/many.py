@@ -61,7 +61,7 @@ def simulate_many(
     results: dict[int, Record | SimulationError] = {}
     lost: list[int] = []  # their process died, or that of another one in the same pool
     futures: dict[Future[Record], int] = {}
-    with tqdm(total=count, desc=title or None, unit="rollout", disable=not progress) as bar:
+    with tqdm(total=count, desc=title or None, unit="rollout", disable=None if progress else True) as bar:
         try:
             for k, job in enumerate(jobs):
                 futures[_submitted(pool, job)] = k

@@ -33,8 +33,9 @@ def simulate(
 
     goal: q_d (nq,), a `Reference`, or a callable of t [s] that returns either, as a motion is. theta0: where
     the parameters start, as the controller's ``init`` takes it ("urdf", "zero" or numbers); None leaves the
-    choice to the controller. The record has round(duration / dt) + 1 samples, the first at t = 0; its tau is
-    what the controller commanded at that sample. observer: called with (t, q, q_d, state) after each step of
+    choice to the controller. progress: a bar on stderr, where that is a terminal. The record has
+    round(duration / dt) + 1 samples, the first at t = 0; its tau is what the controller commanded at that
+    sample. observer: called with (t, q, q_d, state) after each step of
     the controller, as a live view is. Raises SimulationError, with the record so far, when controller, plant
     or goal fail on the way.
     """
@@ -47,7 +48,8 @@ def simulate(
     recorder = Recorder(robot, controller, dt, steps + 1, title, plant)
     measurement = plant.reset()
     state = controller.init(measurement, *given)
-    bar = tqdm(range(steps + 1), desc=title or robot.name, unit="step", disable=not progress, leave=False)
+    quiet = None if progress else True  # None: where there is no terminal
+    bar = tqdm(range(steps + 1), desc=title or robot.name, unit="step", disable=quiet, leave=False)
     try:
         for k in bar:
             reference = robot.check_goal(goal_at(measurement.t))

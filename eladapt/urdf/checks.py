@@ -22,7 +22,7 @@ from defusedxml.ElementTree import iterparse
 
 from eladapt.errors import Finding, UrdfError
 from eladapt.urdf.assets import file_findings
-from eladapt.urdf.numbers import number_findings, parts
+from eladapt.urdf.numbers import NUMBERS, number_findings, parts
 from eladapt.urdf.tree import MOVING, joints, listed, mimics, names, tree
 
 # Published robots reach 0.2 MB, depth 7 and 129 joints. Pinocchio's reader recurses along a chain and kills
@@ -32,6 +32,8 @@ MAX_BYTES = 5_000_000
 MAX_DEPTH = 32
 MAX_ELEMENTS = 50_000  # the largest published robot has 2,500; 5 MB of empty ones would take 0.4 GB
 MAX_JOINTS = 200
+DECLARATION = re.compile(rb"""\s*<\?xml[^>]*encoding=["']([-\w.]+)["'][^>]*\?>""")
+MACROS = ("property", "include", "macro")  # of xacro when it had no prefix
 
 # Published links lie on the very boundary of the physical (rods without width, point masses): allow rounding.
 INERTIA_TOLERANCE = 1e-9  # of the largest principal moment
@@ -51,6 +53,9 @@ def read_urdf(path: str | Path) -> Element:
     namespace = root.tag[: root.tag.find("}") + 1]
     for element in root.iter():
         element.tag = element.tag.removeprefix(namespace)
+        for held in NUMBERS.get(element.tag, ()):  # blanks around numbers, tabs between, that others read
+            if (text := element.get(held.attribute)) is not None:
+                element.set(held.attribute, " ".join(text.split()))
     if root.tag != "robot":
         raise _refusal(path, "root element", f"<{root.tag}>", "expected <robot>", "Convert the file to URDF")
     for tag, most in (("joint", MAX_JOINTS), ("link", MAX_JOINTS + 1)):
@@ -79,16 +84,23 @@ def check_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Non
 
 def check_mimics(path: str | Path, locked: Iterable[str]) -> None:
     """Refuse joints that follow another one, unless they are locked: they would be left free."""
-    locked = set(locked)
-    findings = []
-    for joint in read_urdf(path).findall("joint"):
-        mimic, name = joint.find("mimic"), joint.get("name", "")
-        if mimic is not None and joint.get("type") in MOVING and name not in locked:
-            value = f"mimics {mimic.get('joint')!r}"
-            problem = "a coupled joint has no torque of its own"
-            findings.append(Finding(f'joint "{name}"', value, problem, f"Lock it: locked=[{name!r}, ...]"))
+    locked, coupled = set(locked), coupled_joints(path)
+    free = [name for name in coupled if name not in locked]
+    remedy = f"Lock {listed(free)}, or all that are coupled: locked=['mimic']"
+    problem = "a coupled joint has no torque of its own"
+    findings = [Finding(f'joint "{name}"', f"mimics {coupled[name]!r}", problem, remedy) for name in free]
     if findings:
         raise UrdfError(path, findings)
+
+
+def coupled_joints(path: str | Path) -> dict[str, str]:
+    """The moving joints that follow another one, and which."""
+    found = {}
+    for joint in read_urdf(path).findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is not None and joint.get("type") in MOVING:
+            found[joint.get("name", "")] = mimic.get("joint", "")
+    return found
 
 
 def check_model(model: pin.Model, path: str | Path) -> None:
@@ -131,11 +143,25 @@ def _read_bytes(path: Path) -> bytes:
     return text
 
 
+def _as_utf8(text: bytes) -> bytes:
+    """A document in the encoding that it declares, as the XML reader takes it, which knows few."""
+    declared = DECLARATION.match(text)
+    if not declared or declared[1].lower().startswith((b"utf", b"us-ascii", b"iso-8859-1")):
+        return text
+    return text[declared.end() :].decode(declared[1].decode("ascii")).encode()
+
+
 def _parse_xml(path: Path, text: bytes) -> Element:
-    depth = count = 0
+    depth, count, macros = 0, 0, set()
     try:
-        events = iterparse(io.BytesIO(text), events=("start", "end"), forbid_dtd=True)
+        text = _as_utf8(text)
+        events = iterparse(io.BytesIO(text), events=("start", "end", "start-ns"), forbid_dtd=True)
         for event, element in events:
+            if event == "start-ns":
+                prefix, namespace = element
+                if "xacro" in prefix:
+                    macros.add(f"{{{namespace}}}")
+                continue
             depth += 1 if event == "start" else -1
             count += event == "start"
             if count > MAX_ELEMENTS:
@@ -153,6 +179,10 @@ def _parse_xml(path: Path, text: bytes) -> Element:
             remedy = "Declare the prefix on <robot>; if it is xacro, expand the file to plain URDF first"
         raise _refusal(path, "file", str(reason), "expected XML", remedy) from reason
     root: Element = events.root
+    for part in root.iter():  # by its prefix, whatever namespace that stands for
+        namespace, _, name = part.tag.rpartition("}")
+        if f"{namespace}}}" in macros:
+            part.tag = f"{{xacro}}{name}"
     return root
 
 
@@ -162,6 +192,9 @@ def _unexpanded(root: Element) -> Iterator[Finding]:
         namespace, _, name = tag.rpartition("}")
         if "xacro" in namespace:
             yield Finding(f"<xacro:{name}>", "xacro tag", problem, remedy)
+    for part in root:
+        if part.tag in MACROS:
+            yield Finding(f"<{part.tag}>", "xacro tag", problem, remedy)
     for label, part in parts(root):
         for key, value in part.attrib.items():
             if re.search(r"\$[({]", value):

@@ -18,6 +18,9 @@ def names(root: Element) -> Iterator[Finding]:
     """Names that are missing or given twice, and a robot without links or joints."""
     if not root.get("name"):
         yield Finding("<robot>", "no name", "a robot needs a name", 'Write <robot name="...">')
+    for name, times in Counter(element.get("name", "") for element in root.findall("material")).items():
+        if times > 1:
+            yield Finding(f'material "{name}"', f"{times} times", "names must differ", "Keep one of them")
     for tag in ("link", "joint"):
         names = Counter(element.get("name", "") for element in root.findall(tag))
         if not names:

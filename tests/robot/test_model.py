@@ -1,13 +1,15 @@
 """Robots from URDFs: names, limits, locked and continuous joints, and what is refused."""
 
+import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from shared import ROBOTS, load
 
 import eladapt as ea
-from eladapt.errors import ArgumentError, UnknownNameError, UrdfError
+from eladapt.errors import ArgumentError, UnitsWarning, UnknownNameError, UrdfError
 from eladapt.robot.library import entry
 
 LINK = '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'  # noqa: E501
@@ -213,3 +215,71 @@ def test_coordinates_by_name_are_those_in_order():
         robot.configuration({**named, "typo": 0.0})
     with pytest.raises(ArgumentError, match=f"none is given for {robot.joint_names[0]}"):
         robot.configuration({name: named[name] for name in robot.joint_names[1:]})
+
+
+def test_coordinates_by_name_and_back(rng):
+    robot = ea.Robot.load("kinova")
+    q = robot.random_configuration(rng)
+    found = robot.names(q)
+    assert tuple(found) == robot.joint_names
+    np.testing.assert_allclose(robot.configuration(dict(reversed(found.items()))), q, atol=1e-12)
+
+
+def ceiling(tmp_path: Path) -> tuple[ea.Robot, ea.Robot]:
+    """A UR5 that hangs from the ceiling: by gravity, and by a base that is turned over about x."""
+    path = ea.Robot.load("ur5").path
+    text = path.read_text()
+    root = ElementTree.fromstring(text)
+    base = next(
+        n.get("name")
+        for n in root.findall("link")
+        if not any(j.find("child").get("link") == n.get("name") for j in root.findall("joint"))
+    )
+    turned = f"""<link name="ceiling"/><joint name="hung" type="fixed"><parent link="ceiling"/>
+        <child link="{base}"/><origin xyz="0 0 0" rpy="{np.pi!r} 0 0"/></joint></robot>"""
+    copy = tmp_path / "hung.urdf"
+    copy.write_text(text.replace("</robot>", turned))
+    folders = ea.Robot.load("ur5").package_dirs
+    return ea.Robot.from_urdf(path, folders, gravity=(0, 0, 9.81)), ea.Robot.from_urdf(copy, folders)
+
+
+def test_an_arm_on_the_ceiling_is_one_on_a_turned_base(tmp_path, rng):
+    """Dynamics, identities and a run: by gravity=(0, 0, 9.81) as by the file's own turned base."""
+    robot, other = ceiling(tmp_path)
+    reg = ea.Regressors(robot, joint_terms="viscous")
+    for _ in range(5):
+        q, v, a = robot.random_configuration(rng), rng.normal(size=robot.nv), rng.normal(size=robot.nv)
+        np.testing.assert_allclose(robot.gravity(q), other.gravity(q), atol=1e-10)
+        np.testing.assert_allclose(reg.gravity(q) @ reg.theta_potential, robot.gravity(q), atol=1e-10)
+        torque = robot.inverse_dynamics(q, v, a) + reg.joint_torque(v) @ reg.theta
+        np.testing.assert_allclose(reg.torque(q, v, a) @ reg.theta, torque, atol=1e-9)
+    assert not np.allclose(robot.gravity(q), ea.Robot.load("ur5").gravity(q), atol=0.1)
+    runs = []
+    for arm in (robot, other):
+        start, goal = np.zeros(arm.nv), 0.5 * np.ones(arm.nv)
+        plant = ea.PinocchioPlant(arm, arm.configuration(start))
+        controller = ea.CompositeController.for_robot(arm)
+        runs.append(ea.simulate(controller, plant, arm.configuration(goal), 1.0, progress=False))
+    # Not to rounding: its base parameters are chosen in another frame, and the gains' postures are the same.
+    np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-5)
+    assert ea.Robot.from_source(robot.source).model.gravity == robot.model.gravity
+    with pytest.raises(ArgumentError, match="gravity: expected"):
+        ea.Robot.from_urdf(robot.path, robot.package_dirs, gravity=(0, 0))
+
+
+def test_coupled_joints_are_locked_together():
+    """By the word mimic; the message names all that have to be."""
+    panda = entry("panda")
+    with pytest.raises(UrdfError, match=r"panda_finger_joint2.*locked=\['mimic'\]"):
+        ea.Robot.from_urdf(panda.urdf, panda.package_dirs)
+    assert ea.Robot.from_urdf(panda.urdf, panda.package_dirs, "mimic").locked == ("panda_finger_joint2",)
+
+
+def test_numbers_that_fit_no_arm_are_told(tmp_path):
+    """Masses in grams: gravity is a thousand times too large, wherever the arm is."""
+    path = tmp_path / "grams.urdf"
+    text = ea.Robot.load("two_link").path.read_text()
+    heavier = re.sub(r'mass value="([^"]+)"', lambda m: f'mass value="{1e3 * float(m[1])}"', text)
+    path.write_text(re.sub(r'effort="[^"]+"', 'effort="20"', heavier))
+    with pytest.warns(UnitsWarning, match="kg and m"):
+        ea.Robot.from_urdf(path)

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import pickle
+import sys
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
@@ -167,11 +168,12 @@ def test_a_failed_rollout_loses_no_other():
     assert results[3].record is None
 
 
-def test_a_process_that_dies_loses_no_other_rollout(capfd):
+def test_a_process_that_dies_loses_no_other_rollout(capfd, monkeypatch):
     """The rollouts that shared its pool are run again, each in a process of its own."""
     robot = load("two_link")
     good = ea.PinocchioPlant(robot, np.zeros(2))
     controller = ea.CompositeController.for_robot(robot)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     results = ea.simulate_many(controller, [good, Broken("dies"), good], [0.5, 0.5], DURATION)
     whole = ea.simulate(controller, good, [0.5, 0.5], DURATION, progress=False)
     assert same(results[0], whole)
