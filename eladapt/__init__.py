@@ -21,9 +21,11 @@ from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
 from eladapt.hardware.timing import Timing
 from eladapt.hardware.udp import UdpRobot
+from eladapt.motion.excitation import Excitation, excitation
 from eladapt.motion.limits import MotionLimits
 from eladapt.motion.motions import Motion, move
 from eladapt.motion.shaped import Shaped, ShapedState
+from eladapt.motion.waypoints import waypoints
 from eladapt.records.record import Record
 from eladapt.records.state_file import load_state, save_state
 from eladapt.regressors.base import ParameterBasis
@@ -55,6 +57,7 @@ __all__ = [
     "ControllerState",
     "Determinant",
     "EladaptError",
+    "Excitation",
     "Fault",
     "FiniteTimePD",
     "ForceBalance",
@@ -100,6 +103,7 @@ __all__ = [
     "carried",
     "certify",
     "estimate_payload",
+    "excitation",
     "friction",
     "load_state",
     "measure_noise",
@@ -116,6 +120,7 @@ __all__ = [
     "simulate",
     "simulate_many",
     "view",
+    "waypoints",
 ]
 
 

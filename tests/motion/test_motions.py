@@ -143,3 +143,56 @@ def test_makers_limits_hold():
     assert np.all(ea.TorqueGate.for_robot(robot).torque_rate <= 1000)
     with pytest.raises(UnknownNameError, match="published limit 'snap'"):
         ea.Robot.from_urdf(load("ur5").path, published={"snap": [1.0] * 6})
+
+
+@pytest.mark.parametrize("name", ["two_link", "panda", "kinova"])
+def test_waypoints_are_passed_without_stopping_within_the_limits(name):
+    """Each of five points is met, no joint rests in between, and no limit is passed, jerk included."""
+    robot, rng = load(name), np.random.default_rng(1)
+    limits = ea.MotionLimits.for_robot(robot)
+    middle = robot.home
+    points = [robot.configuration(middle + rng.uniform(-0.3, 0.3, robot.nv)) for _ in range(5)]
+    motion = ea.waypoints(robot, points, limits)
+    _, course = motion.sampled(1e-3)
+    assert np.all(np.abs(course.v) <= limits.velocity * (1 + 1e-6))
+    assert np.all(np.abs(course.a) <= limits.acceleration * (1 + 1e-6))
+    # Between knots the jerk is continuous but for the profile's own: a difference of 1 ms sees both at once.
+    assert np.all(np.abs(np.diff(course.a, axis=0)) / 1e-3 <= limits.jerk * 1.01)
+    for k, point in enumerate(points):
+        far = [np.abs(robot.difference(point, q)).max() for q in course.q]
+        assert min(far) < 5e-3
+        if 0 < k < 4:
+            assert np.abs(course.v[int(np.argmin(far))]).max() > 0.02
+    assert np.abs(robot.difference(motion.end, points[-1])).max() < 1e-9
+
+
+def test_waypoints_that_make_no_path_are_refused():
+    robot = load("panda")
+    home, target = robot.configuration(robot.home), robot.configuration(robot.target)
+    with pytest.raises(ArgumentError, match=r"points\[1\] and points\[2\] coincide"):
+        ea.waypoints(robot, [home, target, target])
+    with pytest.raises(ArgumentError, match="at least 2"):
+        ea.waypoints(robot, [home])
+
+
+@pytest.mark.parametrize(("name", "rounds"), [("two_link", 40), ("ur5", 12)])
+def test_an_excitation_tells_more_than_random_ones_within_the_limits(name, rounds):
+    """From rest to rest; its condition number is less than half of the best of ten."""
+    robot = load(name)
+    limits = ea.MotionLimits.for_robot(robot)
+    found = ea.excitation(robot, 8.0, limits, rounds=rounds, progress=False)
+    assert len(found.random) == 10
+    assert found.condition < 0.5 * min(found.random)
+    assert f"{found.condition:.3g}" in repr(found)
+    _, course = found.sampled(1e-3)
+    assert np.all(np.abs(course.v) <= limits.velocity)
+    assert np.all(np.abs(course.a) <= limits.acceleration)
+    x = np.array([robot.coordinates(q) for q in course.q])
+    assert np.all((robot.lower <= x) & (x <= robot.upper))
+    torque = [robot.inverse_dynamics(*r) for r in zip(*(part[::50] for part in course), strict=True)]
+    assert np.all(np.abs(torque) <= robot.effort_limit)
+    for still in (found(0.0), found(found.duration)):
+        assert np.abs(robot.difference(still.q, found.q0)).max() < 1e-12
+        assert not still.v.any()
+    again = ea.excitation(robot, 8.0, limits, rounds=0, progress=False)
+    assert again.condition == min(again.random), "the same seed, and no search"
