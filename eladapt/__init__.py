@@ -44,6 +44,7 @@ from eladapt.theory.certificates import certify, settling_bounds
 from eladapt.theory.lyapunov import LyapunovFunctions
 
 if TYPE_CHECKING:
+    from eladapt.display.motions import plot_motion
     from eladapt.display.plots import plot
     from eladapt.display.report import report
     from eladapt.simulation.mujoco_plant import MujocoPlant
@@ -112,6 +113,7 @@ __all__ = [
     "paper",
     "payload",
     "plot",
+    "plot_motion",
     "report",
     "robots",
     "run_loop",
@@ -129,6 +131,7 @@ _LATER = {
     "LiveView": "eladapt.viewing.live",
     "MujocoPlant": "eladapt.simulation.mujoco_plant",
     "plot": "eladapt.display.plots",
+    "plot_motion": "eladapt.display.motions",
     "report": "eladapt.display.report",
     "view": "eladapt.viewing.viewer",
 }

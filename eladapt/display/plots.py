@@ -59,14 +59,20 @@ def plot(
     headings = [record.title for record in several] if labels is None else list(labels)
     if len(headings) != len(several):
         raise ArgumentError(f"labels: expected {len(several)}, one a record, got {len(headings)}")
-    if path is not None and Path(path).suffix.lower() not in SUFFIXES:
-        raise ArgumentError(f"path: expected a name that ends in {', '.join(SUFFIXES)}, got {str(path)!r}")
+    if path is not None:
+        require_suffix(path)
     with mpl.rc_context(STYLE):
         figure = _alone(several[0], headings[0]) if len(several) == 1 else _compared(several, headings)
         if path is not None:
             with atomic_write(path) as temporary:
                 figure.savefig(temporary, dpi=150)
     return figure
+
+
+def require_suffix(path: str | Path) -> None:
+    """Raises ArgumentError for a file that no figure can be."""
+    if Path(path).suffix.lower() not in SUFFIXES:
+        raise ArgumentError(f"path: expected a name that ends in {', '.join(SUFFIXES)}, got {str(path)!r}")
 
 
 def _alone(record: Record, heading: str) -> Figure:

@@ -18,6 +18,7 @@ from eladapt.robot.model import Robot
 from eladapt.robot.protocols import BareController, Goal, Recorded, handed_on, recorded_by
 from eladapt.signals import Measurement, Reference
 
+INSIDE = 0.01  # [rad or m] of a joint limit: what a gate that looks ahead leaves to stop in
 EXACT = 1 + 1e-6  # of the limits by a goal that is planned to the limits and rounded
 NEAR = 1e-3  # [rad or m] from where the arm is seen, a first goal is where it begins
 USABLE = 0.99  # of the limits by a goal that is to be caught
@@ -73,8 +74,8 @@ class Shaped:
     In every step the fastest way from where the reference is to the goal, all joints arriving together, is
     planned anew by ruckig, and the reference goes the first dt of it; so neither position nor velocity nor
     acceleration jumps, whatever the goal does. A goal that moves within the limits is followed to the letter
-    once it is reached. A goal beyond the joint limits is taken at the limit. While a gate inside holds a
-    fault, the reference stands where the arm is.
+    once it is reached. A goal beyond the joint limits is taken just inside, by `INSIDE`. While a gate inside
+    holds a fault, the reference stands where the arm is.
 
     limits: None for `MotionLimits.for_robot` of the controller's robot. Put it around a gate, so that the
     gate judges what the controller is asked for: ``Shaped(GatedController.for_robot(controller))``.
@@ -163,7 +164,9 @@ class Shaped:
         model, frame = self.robot.model, self._frame
         way = pin.difference(model, reference.q, goal.q)
         x = pin.difference(model, frame.neutral, goal.q)
-        way += np.minimum(np.maximum(x, frame.lower), frame.upper) - x
+        above, below = x > frame.upper, x < frame.lower
+        if above.any() or below.any():
+            way += np.where(above, frame.upper - INSIDE - x, np.where(below, frame.lower + INSIDE - x, 0.0))
         velocity, acceleration, jerk = frame.limits
         if reached(way, *reference[1:], *goal[1:], velocity, acceleration, jerk, dt):
             return Reference(pin.integrate(model, reference.q, way), goal.v, goal.a)

@@ -10,6 +10,7 @@ import pytest
 
 import eladapt as ea
 from eladapt.display.curves import COLOURS, MOST_POINTS
+from eladapt.errors import ArgumentError
 
 LONG = "2.83 (my(panda_joint2) - mz(panda_joint3) + 0.823 my(panda_joint4) + 0.823 mz(panda_joint5) + ...)"
 
@@ -169,3 +170,14 @@ def test_labels_are_one_a_record(record_of):
     assert {"first", "second"} <= texts
     with pytest.raises(ea.EladaptError, match="expected 2"):
         ea.plot([record, record], labels=["first"])
+
+
+def test_a_motion_is_drawn(tmp_path):
+    """Three panels, a curve a joint in each; a name that no figure has is refused."""
+    robot = ea.Robot.load("two_link")
+    motion = ea.move(robot, robot.configuration(robot.home), robot.configuration(robot.target))
+    figure = ea.plot_motion(motion, tmp_path / "motion.png")
+    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 2]
+    assert (tmp_path / "motion.png").stat().st_size > 10_000
+    with pytest.raises(ArgumentError, match=r"\.png"):
+        ea.plot_motion(motion, tmp_path / "motion.txt")

@@ -8,6 +8,7 @@ from shared import DT, load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError
+from eladapt.motion.shaped import INSIDE
 
 
 def made(name: str) -> tuple[ea.Robot, ea.Shaped]:
@@ -60,13 +61,13 @@ def test_a_reversal_in_mid_motion():
     assert np.abs(robot.difference(q[-1], home)).max() < 1e-12
 
 
-def test_a_goal_beyond_the_joint_limits_is_taken_at_the_limit():
+def test_a_goal_beyond_the_joint_limits_is_taken_just_inside():
     robot, shaped = made("panda")
     x = robot.home.copy()
     x[3] += 5.0
     q, v, a = references(shaped, lambda t: robot.configuration(x), 6000)
     assert keeps(shaped, q, v, a)
-    assert robot.coordinates(q[-1])[3] == pytest.approx(robot.upper[3], abs=1e-9)
+    assert robot.coordinates(q[-1])[3] == pytest.approx(robot.upper[3] - INSIDE, abs=1e-9)
     assert np.all(np.array([robot.coordinates(one) for one in q]) <= robot.upper + 1e-9)
 
 
@@ -154,3 +155,37 @@ def test_a_fault_holds_the_reference_where_the_arm_is():
 def test_limits_of_another_robot_are_refused():
     with pytest.raises(ArgumentError, match="limits: expected those of the joints"):
         ea.Shaped(ea.CompositeController.for_robot(load("ur5")), ea.MotionLimits.for_robot(load("panda")))
+
+
+@pytest.mark.parametrize("name", ["two_link", "panda"])
+@pytest.mark.parametrize("course", ["jumps", "reverses", "beyond"])
+def test_the_gate_has_nothing_to_say(name, course):
+    """A goal that jumps every 10 ms for a second and stays, one that reverses, one beyond the joint limits:
+    no fault, no joint above its speed limit, and the arm arrives."""
+    robot = load(name)
+    controller = ea.Shaped(ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT))
+    home, target, rng = (
+        robot.configuration(robot.home),
+        robot.configuration(robot.target),
+        np.random.default_rng(0),
+    )
+    x = robot.home.copy()
+    x[1] = robot.upper[1] + 1.0
+    near = [robot.configuration(robot.home + rng.uniform(-0.3, 0.3, robot.nv)) for _ in range(101)]
+    goals = {
+        "jumps": lambda t: near[min(int(t / 0.01), 100)],
+        "reverses": lambda t: target if t < 0.6 else home,
+        "beyond": lambda t: robot.configuration(x),
+    }
+    end = {
+        "jumps": near[-1],
+        "reverses": home,
+        "beyond": robot.configuration(np.minimum(x, robot.upper - INSIDE)),
+    }[course]
+    way = ea.move(robot, home, target if course == "reverses" else end)
+    duration = 2 * way.duration + 2.5
+    plant = ea.PinocchioPlant(robot, home)
+    record = ea.simulate(controller, plant, goals[course], duration, DT, progress=False)
+    assert record.final_state.fault is None
+    assert np.all(np.abs(record.v) <= robot.velocity_limit)
+    assert np.abs(robot.difference(record.q[-1], end)).max() < 1e-3
