@@ -63,7 +63,7 @@ def closed_loop(name: str, v0: float, friction: bool = False) -> Trajectory:
     robot = load(name)
     rub = ea.Friction(viscous=robot.damping + 0.3) if friction else None
     start = robot.configuration(robot.home)
-    plant = ea.PinocchioPlant(robot, start, np.full(robot.nv, v0), friction=rub)
+    plant = ea.PinocchioPlant(robot, start, np.full(robot.nv, v0), friction=rub, substeps=10)
     controller = ea.CompositeController.for_robot(robot)
     goal = robot.configuration(robot.target)
     measurement = plant.reset()

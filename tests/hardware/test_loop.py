@@ -104,7 +104,7 @@ def test_a_robot_that_does_not_stop_is_said_so():
     _, controller, plant, goal = made()
     with pytest.raises(LoopError, match="stop failed") as caught:
         ea.run_loop(controller, Simulated(plant, "stop"), goal, 0.1, DT)
-    assert len(caught.value.record) == 20
+    assert len(caught.value.record) == caught.value.timing.ticks > 0
 
 
 def test_the_keyboard_ends_the_loop_in_order():
