@@ -91,6 +91,10 @@ class StateError(EladaptError):
     """A file that is not the saved state of this controller, or a damaged one."""
 
 
+class MendedWarning(UserWarning):
+    """A body of a robot file that was given the nearest physical inertia."""
+
+
 class UnitsWarning(UserWarning):
     """A robot file whose numbers fit no arm, as in grams and millimetres."""
 

@@ -174,7 +174,10 @@ def _robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--package-dir", action="append", default=[], metavar="FOLDER",
                         help="where package://NAME/ is found; repeatable")  # fmt: skip
     parser.add_argument("--lock", action="append", default=[], metavar="JOINT",
-                        help="a joint to hold still, * matches any characters; repeatable")  # fmt: skip
+                        help="a joint to hold still, * matches any characters, mimic means all that "
+                        "follow another; repeatable")  # fmt: skip
+    parser.add_argument("--mend", action="store_true",
+                        help="take the nearest physical inertia for a body that is none")  # fmt: skip
 
 
 def _numbers(text: str) -> list[float]:

@@ -29,12 +29,12 @@ def find(options: argparse.Namespace) -> Robot:
     given = str(options.robot)
     is_path = Path(given).suffix or "/" in given or Path(given).exists()
     if not is_path or given in library.names():
-        if options.lock or options.package_dir:
+        if options.lock or options.package_dir or options.mend:
             raise ArgumentError(
-                f"--lock, --package-dir: {given} is the library's; they go with the path of a URDF"
+                f"--lock, --package-dir, --mend: {given} is the library's; they go with the path of a URDF"
             )
         return Robot.load(given)
-    return Robot.from_urdf(given, options.package_dir, options.lock)
+    return Robot.from_urdf(given, options.package_dir, options.lock, mend=options.mend)
 
 
 def check(options: argparse.Namespace) -> None:

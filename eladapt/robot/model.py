@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from eladapt.errors import (
     ArgumentError,
+    MendedWarning,
     UnitsWarning,
     UnknownNameError,
     UrdfError,
@@ -37,6 +38,7 @@ from eladapt.robot.reading import (
 )
 from eladapt.signals import Measurement, Reference
 from eladapt.urdf.checks import check_mimics, check_model, check_urdf, coupled_joints
+from eladapt.urdf.mending import mend as mended
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 DOUBLE = np.dtype(float)
@@ -65,6 +67,7 @@ class Robot:
     zero_parameters: tuple[str, ...] = ()  # standard parameters known to be zero, as "my(elbow)"
     # What the maker publishes beside the URDF, (nv,) each: any of `PUBLISHED`.
     published: Mapping[str, np.ndarray] = field(default_factory=dict)
+    mend: bool = False  # whether bodies that are not physical were mended when the file was read
     _data: pin.Data = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -98,6 +101,7 @@ class Robot:
         zero_parameters: Iterable[str] = (),
         published: Mapping[str, Sequence[float] | np.ndarray] | None = None,
         gravity: Sequence[float] | np.ndarray | None = None,
+        mend: bool = False,
     ) -> Robot:
         """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
 
@@ -109,6 +113,8 @@ class Robot:
         column for them. ``published`` are limits that the maker gives beside the URDF, a positive
         number a joint, by the names of `PUBLISHED`; motions and the torque gate keep to them.
         ``home`` defaults to the neutral posture, clipped to the limits, and ``target`` to home.
+        ``mend`` takes the nearest physical inertia for bodies whose principal moments no body has, and
+        warns of each change; without it they are refused.
         Raises UrdfError with every fault found, and UnknownNameError for a joint, frame or limit
         that does not exist.
         """
@@ -122,6 +128,8 @@ class Robot:
             model.armature[velocity_index(model, joint)] = inertia
         if gravity is not None:
             model.gravity = pin.Motion(require_vector("gravity", gravity, 3), np.zeros(3))
+        for change in mended(model) if mend else ():
+            warnings.warn(f"{path.name}, mended: {change}", MendedWarning, stacklevel=2)
         check_model(model, path)
         if tool is not None:
             frame_index(model, tool)
@@ -137,6 +145,7 @@ class Robot:
             tool=tool or last_body(model),
             zero_parameters=tuple(zero_parameters),
             published=_published(published or {}, model.nv),
+            mend=mend,
             home=home,
             target=home if target is None else require_vector("target", target, model.nv),
         )
@@ -305,6 +314,7 @@ class Robot:
             "home": self.home.tolist(),
             "target": self.target.tolist(),
             "gravity": self.model.gravity.linear.tolist(),
+            "mend": self.mend,
             "published": {name: limit.tolist() for name, limit in self.published.items()},
         }
 

@@ -219,7 +219,11 @@ def _body(model: pin.Model, joint: int) -> Iterator[Finding]:
         if moments[0] + moments[1] - moments[2] < -rounding:
             value = f"principal moments {', '.join(f'{moment:.6g}' for moment in moments)} kg m^2"
             problem = "no body has these: each is at least 0 and at most the sum of the others"
-            yield Finding(label, value, problem, "Mend <inertia>; it is taken about the centre of mass")
+            remedy = (
+                "Mend <inertia>, which is taken about the centre of mass; or take the nearest physical one: "
+                "mend=True (--mend)"
+            )
+            yield Finding(label, value, problem, remedy)
 
 
 def _mass_matrix(model: pin.Model) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eladapt.errors import UrdfError
+from eladapt.errors import MendedWarning, UrdfError
 from eladapt.robot import library
 from eladapt.robot.model import Robot
 from eladapt.urdf.checks import MAX_BYTES, MAX_DEPTH, MAX_JOINTS, check_model, check_urdf, read_urdf
@@ -407,3 +407,25 @@ def test_materials_of_one_name_are_named(tmp_path):
     twice = '<material name="grey"/>' * 2
     with pytest.raises(UrdfError, match='material "grey": 2 times'):
         check_urdf(written(tmp_path, (TOOL, TOOL + twice)))
+
+
+def test_a_body_that_is_none_is_mended_where_asked(tmp_path):
+    """Principal moments 0.03, 0.04 and 0.08: the nearest physical ones, told; mass and centre stay, and what
+    is physical is left alone."""
+    plain = Robot.from_urdf(written(tmp_path)).model
+    path = written(tmp_path, ('ixx="0.03" ixy="0" ixz="0" iyy="0.04" iyz="0" izz="0.02"',
+                              'ixx="0.03" ixy="0" ixz="0" iyy="0.04" iyz="0" izz="0.08"'))  # fmt: skip
+    with pytest.raises(UrdfError, match="mend=True"):
+        Robot.from_urdf(path)
+    with pytest.warns(MendedWarning, match=r"'shoulder': principal moments 0\.03 -> .*0\.08 -> "):
+        robot = Robot.from_urdf(path, mend=True)
+    body = robot.model.inertias[1]
+    moments = np.linalg.eigvalsh(body.inertia)
+    assert moments[2] <= moments[0] + moments[1]
+    # S was (0.045, 0.035, -0.005); raising the last by d raises two moments by d, and by no more than needed.
+    np.testing.assert_allclose(moments, [0.035045, 0.045045, 0.08], rtol=1e-3)
+    assert body.mass == plain.inertias[1].mass
+    np.testing.assert_array_equal(body.lever, plain.inertias[1].lever)
+    assert robot.model.inertias[2] == plain.inertias[2]
+    with pytest.warns(MendedWarning):
+        assert Robot.from_source(robot.source).model == robot.model
