@@ -9,7 +9,7 @@ LEAST = 1e-3  # of the largest second moment: a body is that thick at least
 
 
 def mend(model: pin.Model) -> list[str]:
-    """Give each moving body of the model the nearest physical inertia, in place; a line for each that changed.
+    """Give each moving body of the model the nearest physical inertia, in place; a line for each change.
 
     A body's second moments about its centre of mass, S = tr(I)/2 - I, are those of its mass: none is below
     zero. Where one is, it is raised, along its own axis, to `LEAST` of the largest; the moments follow as
