@@ -81,6 +81,11 @@ def run(job: Job) -> Run:
     )  # fmt: skip
 
 
+def share(value: float) -> str:
+    """Of a limit, as the table shows it."""
+    return f"{value:.2f}" if value < 100 else f"{value:.0e}"
+
+
 def costs(robot: ea.Robot) -> str:
     """What planning takes, as a sentence."""
     start, goal = robot.configuration(robot.home), robot.configuration(robot.target)
@@ -127,7 +132,7 @@ def main() -> None:
         row: list[object] = [arm.shown]
         for way in WAYS:
             runs = [found[Job(arm, way, seed)] for seed in range(options.seeds)]
-            row.append(f"{max(r.speed for r in runs):.2f}")
+            row.append(share(max(r.speed for r in runs)))
             if way == "shaped, zero":
                 row.append(f"{sum(not r.fault for r in runs)}/{len(runs)}")
                 continue
@@ -139,7 +144,7 @@ def main() -> None:
         rows.append(row)
     for job, r in found.items():
         why = [r.fault] if r.fault else []
-        why += [f"{r.speed:.2f} of the speed"] if r.speed > 1 else []
+        why += [f"{share(r.speed)} of the speed"] if r.speed > 1 else []
         why += (
             []
             if r.in_time or job.way == "shaped, zero"
