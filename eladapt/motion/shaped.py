@@ -27,6 +27,7 @@ USABLE = 0.99  # of the limits by a goal that is to be caught
 class _Frame(NamedTuple):
     """What a step of planning needs."""
 
+    still: np.ndarray  # (nv,) zeros
     neutral: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
@@ -52,6 +53,42 @@ def reached(
         if abs(way[i] - dt * (v[i] + dt / 2 * a[i])) > allowed * dt * dt:
             return False
     return True
+
+
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR)
+def come_inside(way: np.ndarray, x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Shorten the way (nv,) to joint coordinates x that are beyond the joint limits, in place."""
+    for i in range(len(x)):
+        if x[i] > upper[i]:
+            way[i] += upper[i] - INSIDE - x[i]
+        elif x[i] < lower[i]:
+            way[i] += lower[i] + INSIDE - x[i]
+
+
+@kernel(VIEW, VIEW, VECTOR, VECTOR)
+def slower(v: np.ndarray, a: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> bool:
+    """Whether a goal's own motion leaves enough of the limits to come nearer."""
+    for i in range(len(v)):
+        if abs(v[i]) > USABLE * velocity[i] or abs(a[i]) > USABLE * acceleration[i]:
+            return False
+    return True
+
+
+@kernel(VECTOR, VIEW, VIEW, VIEW, VIEW, VECTOR, VECTOR, SCALAR)
+def beside(
+    way: np.ndarray, v: np.ndarray, a: np.ndarray, goal_v: np.ndarray, goal_a: np.ndarray,
+    velocity: np.ndarray, acceleration: np.ndarray, dt: float,
+) -> np.ndarray:  # fmt: skip
+    """(7, nv): the reference's position, velocity and acceleration beside a goal that moves, and the least
+    and largest of velocity and acceleration that are left there."""
+    found = np.empty((7, len(way)))
+    for i in range(len(way)):
+        found[0, i] = dt * (goal_v[i] - dt / 2 * goal_a[i]) - way[i]
+        found[1, i] = v[i] - goal_v[i] + dt * goal_a[i]
+        found[2, i] = a[i] - goal_a[i]
+        found[3, i], found[4, i] = -velocity[i] - goal_v[i], velocity[i] - goal_v[i]
+        found[5, i], found[6, i] = -acceleration[i] - goal_a[i], acceleration[i] - goal_a[i]
+    return found
 
 
 class ShapedState(NamedTuple):
@@ -163,52 +200,37 @@ class Shaped:
         """
         model, frame = self.robot.model, self._frame
         way = pin.difference(model, reference.q, goal.q)
-        x = pin.difference(model, frame.neutral, goal.q)
-        above, below = x > frame.upper, x < frame.lower
-        if above.any() or below.any():
-            way += np.where(above, frame.upper - INSIDE - x, np.where(below, frame.lower + INSIDE - x, 0.0))
-        velocity, acceleration, jerk = frame.limits
-        if reached(way, *reference[1:], *goal[1:], velocity, acceleration, jerk, dt):
+        come_inside(way, pin.difference(model, frame.neutral, goal.q), frame.lower, frame.upper)
+        limits = frame.limits
+        if reached(way, *reference[1:], *goal[1:], *limits, dt):
             return Reference(pin.integrate(model, reference.q, way), goal.v, goal.a)
-        still = np.zeros(self.robot.nv)
-        goal_v, goal_a = (still, still) if self._too_fast(goal) else (goal.v, goal.a)
-        step = self._planned(reference, way, goal_v, goal_a, dt)
-        if step is None and goal_v is not still:
-            step = self._planned(reference, way, still, still, dt)
+        moving = goal if slower(*goal[1:], *limits[:2]) else Reference(goal.q, frame.still, frame.still)
+        step = self._planned(reference, way, moving, dt)
+        if step is None and moving is goal:
+            step = self._planned(reference, way, Reference(goal.q, frame.still, frame.still), dt)
         if step is None:
             raise ArgumentError(f"motion: ruckig finds none from {reference} to {goal}")
         return step
 
-    def _planned(
-        self, reference: Reference, way: np.ndarray, goal_v: np.ndarray, goal_a: np.ndarray, dt: float
-    ) -> Reference | None:
-        """The first step of the fastest way to a goal that is ``way`` (nv,) off and goes on like this; None
+    def _planned(self, reference: Reference, way: np.ndarray, goal: Reference, dt: float) -> Reference | None:
+        """The first step of the fastest way to a goal that is ``way`` (nv,) off and goes on as it moves; None
         where the planner finds no way."""
         frame = self._frame
-        velocity, acceleration, _ = frame.limits
         problem, trajectory = frame.problem, frame.trajectory
-        problem.current_position = dt * (goal_v - dt / 2 * goal_a) - way
-        problem.current_velocity = reference.v - goal_v + dt * goal_a
-        problem.current_acceleration = reference.a - goal_a
-        problem.max_velocity, problem.min_velocity = velocity - goal_v, -velocity - goal_v
-        problem.max_acceleration, problem.min_acceleration = acceleration - goal_a, -acceleration - goal_a
+        (
+            problem.current_position, problem.current_velocity, problem.current_acceleration,
+            problem.min_velocity, problem.max_velocity, problem.min_acceleration, problem.max_acceleration,
+        ) = beside(way, *reference[1:], *goal[1:], *frame.limits[:2], dt)  # fmt: skip
         for together in (Synchronization.Time, Synchronization.No):
             problem.synchronization = together
             try:  # some states in the midst of reversals cannot arrive together
                 frame.planner.calculate(problem, trajectory)
             except (RuckigError, ValueError):
                 continue
-            left, left_v, left_a = map(np.array, trajectory.at_time(dt))
+            left, v, a = np.array(trajectory.at_time(dt))
             q = pin.integrate(self.robot.model, reference.q, way + left)
-            return Reference(q, goal_v + left_v, goal_a + left_a)
+            return Reference(q, goal.v + v, goal.a + a)
         return None
-
-    def _too_fast(self, goal: Reference) -> bool:
-        """Whether too little of the limits is left beside a goal's own motion to come nearer."""
-        velocity, acceleration, _ = self._frame.limits
-        return bool(
-            np.any(np.abs(goal.v) > USABLE * velocity) or np.any(np.abs(goal.a) > USABLE * acceleration)
-        )
 
     def _begun(self, reference: Reference, goal: Reference) -> Reference:
         """Where the reference begins, given the first goal: noise of the first sample is no distance."""
@@ -227,7 +249,7 @@ class Shaped:
         problem = InputParameter(robot.nv)
         problem.max_jerk = limits.jerk
         return _Frame(
-            pin.neutral(robot.model), robot.lower, robot.upper,
+            np.zeros(robot.nv), pin.neutral(robot.model), robot.lower, robot.upper,
             (limits.velocity, limits.acceleration, limits.jerk),
             problem, Trajectory(robot.nv), Ruckig(robot.nv),
         )  # fmt: skip
