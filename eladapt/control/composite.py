@@ -206,7 +206,8 @@ class CompositeController:
             diagonal = np.einsum("ii->i", mass_matrix)
             diagonal += self._joint_inertia(self.joints, state)
         if measurement.t != state.measurement.t:
-            state = self._advance(state, measurement, regressor, e1, e2, dt)
+            moving = mass_matrix if reference.v.any() or reference.a.any() else None
+            state = self._advance(state, measurement, regressor, e1, e2, moving, dt)
         feedback = self.control.torque(e1, e2, mass_matrix, dt)
         wanted = feedback + regressor @ state.parameters
         if state.disturbance is not None:
@@ -244,10 +245,11 @@ class CompositeController:
 
     def _advance(
         self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, e1: np.ndarray,
-        e2: np.ndarray, dt: float,
+        e2: np.ndarray, moving: np.ndarray | None, dt: float,
     ) -> ControllerState:  # fmt: skip
+        """moving: M(q) where the reference moves, None where it stands still."""
         dt, gap = elapsed(state.measurement.t, measurement.t, dt)
-        theta = self._descend(state.parameters, regressor, measurement, e1, e2, dt)
+        theta = self._descend(state.parameters, regressor, measurement, e1, e2, moving, dt)
         if gap:
             filters = self.regression.init(measurement)
             return state._replace(
@@ -287,7 +289,7 @@ class CompositeController:
 
     def _descend(
         self, theta: np.ndarray, regressor: np.ndarray, measurement: Measurement, e1: np.ndarray,
-        e2: np.ndarray, dt: float,
+        e2: np.ndarray, moving: np.ndarray | None, dt: float,
     ) -> np.ndarray:  # fmt: skip
         """The direct term, in the joints that move and whose torque is not clipped, and for all of theta but
         friction.
@@ -296,7 +298,7 @@ class CompositeController:
         their sum, and the direct one would drive them apart without end.
         """
         free = (np.abs(measurement.tau) < self.effort_limit) & (np.abs(measurement.v) >= self.rest_speed)
-        return self.law.descend(theta, regressor, e1, e2, dt, free, self._friction)
+        return self.law.descend(theta, regressor, e1, e2, dt, free, self._friction, moving)
 
     def _unexplained(
         self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, e1: np.ndarray,

@@ -14,15 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number
+from eladapt.estimation.adaptation import RESOLVED
 from eladapt.gains.extremes import Mode, adaptation_mode, configurations, effort, extremes, fall_mode
 from eladapt.gains.rules import Rule, rules_table, shown
 from eladapt.gains.sensing import Hardware, choose_floor, choose_horizon
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 
-# Part of a radian that the fastest motion which only sampled feedback sees may turn in one step. At 1 kHz the
-# published arms stay below 0.17 (so_arm101), and explicit feedback of a mode diverges at 2.
-RESOLVED = 0.3
 GAMMA, GAMMA_LEAST = 0.2, 0.002
 # [rad/s^2] A rotor that the effort limit could not turn faster than this is not believed (a Panda's wrist:
 # 0.24 kg m^2), and one of an eighth of that is what D reckons with (0.03 kg m^2).

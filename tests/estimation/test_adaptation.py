@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from shared import regressors
 
 import eladapt as ea
 from eladapt.errors import ArgumentError
-from eladapt.estimation.adaptation import flow
+from eladapt.estimation.adaptation import flow, stiffness
 from eladapt.estimation.excitation import saturation, zeta_1
 from eladapt.paper.typeset_estimation import GateMonitor
 from eladapt.signals import MixedRegression
@@ -130,3 +131,23 @@ def test_interval_excitation_is_the_smallest_eigenvalue_of_the_integral(rng):
 def test_gains_outside_their_range_are_refused(options, said):
     with pytest.raises(ArgumentError, match=said):
         ea.CompositeLaw(**options)
+
+
+@pytest.mark.parametrize("name", ["two_link", "panda"])
+def test_the_direct_term_is_as_stiff_as_its_trace(name):
+    """Against numpy; and a step takes Gamma for as much less as keeps the swing within what a step resolves."""
+    reg, rng = regressors(name), np.random.default_rng(0)
+    robot = reg.robot
+    q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)
+    W, M, Gamma = reg.slotine_li(q, v, 20 * v, 90 * v), robot.mass_matrix(q), rng.uniform(1, 2, len(reg))
+    kept = slice(1, 3)
+    others = np.delete(np.arange(len(reg)), [1, 2])
+    expected = np.trace(np.linalg.solve(M, (W * Gamma)[:, others] @ W[:, others].T))
+    assert stiffness(M, W, Gamma, 1, 3) == pytest.approx(expected, rel=1e-10)
+    law, theta, e1, e2 = ea.CompositeLaw(Gamma=10.0), np.zeros(len(reg)), 0.01 * v, 0.1 * v
+    whole = law.descend(theta, W, e1, e2, 1e-2, kept=kept)
+    slowed = law.descend(theta, W, e1, e2, 1e-2, kept=kept, mass_matrix=M)
+    share = 0.09 / (1e-4 * stiffness(M, W, np.array([10.0]), 1, 3))
+    assert share < 1
+    np.testing.assert_allclose(slowed, share * whole, atol=1e-12)
+    assert not slowed[1:3].any()
