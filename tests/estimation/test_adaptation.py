@@ -135,7 +135,7 @@ def test_gains_outside_their_range_are_refused(options, said):
 
 @pytest.mark.parametrize("name", ["two_link", "panda"])
 def test_the_direct_term_is_as_stiff_as_its_trace(name):
-    """Against numpy; and a step takes Gamma for as much less as keeps the swing within what a step resolves."""
+    """Against numpy; and Gamma counts for as much less as keeps the swing within what a step resolves."""
     reg, rng = regressors(name), np.random.default_rng(0)
     robot = reg.robot
     q, v = robot.random_configuration(rng), rng.normal(size=robot.nv)

@@ -192,8 +192,8 @@ def test_the_gate_has_nothing_to_say(name, course):
 
 
 def test_a_fast_motion_of_a_light_arm_from_nothing():
-    """An SO-ARM101 at 9 rad/s and 90 rad/s^2 from theta = 0: with Gamma as at a set-point the direct term swings
-    its wrist, whose link is a hundred-thousandth of a kg m^2, beyond all bounds."""
+    """An SO-ARM101 at 9 rad/s and 90 rad/s^2 from theta = 0: with Gamma as at a set-point the direct term
+    swings its wrist, whose link is a hundred-thousandth of a kg m^2, beyond all bounds."""
     robot = load("so_arm101")
     rng = np.random.default_rng(1)
     start, goal = (robot.configuration(robot.home + rng.uniform(-0.5, 0.5, robot.nv)) for _ in range(2))
