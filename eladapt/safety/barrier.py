@@ -34,7 +34,7 @@ class Barrier:
     velocity: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-    share: float = 0.9
+    share: float = 0.86
     time: float | np.ndarray = 0.1
     horizon: float | np.ndarray = 0.01
     memory: float | np.ndarray = 0.005

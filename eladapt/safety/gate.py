@@ -149,7 +149,7 @@ class TorqueGate:
         )
         reversing = np.asarray(limits["effort"]) / np.asarray(limits["torque_rate"])
         horizon = np.maximum(max(0.01, 10 * dt), np.minimum(reversing, LONGEST_HORIZON))
-        barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 2 * horizon), horizon=horizon)
+        barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 4 * horizon), horizon=horizon)
         return cls(robot, **{"barrier": barrier, **limits})
 
     def init(self, measurement: Measurement) -> GateState:
