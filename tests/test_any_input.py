@@ -101,11 +101,12 @@ def inputs(draw, robot):
 
 
 @functools.cache
-def begun(name, gated, friction):
+def begun(name, gated, friction, shaped=False):
     """A controller 30 steps into a move, its state, and the measurement there."""
     robot = load(name)
     controller = ea.CompositeController.for_robot(robot, DT, joint_terms=JOINT_TERMS if friction else ())
     controller = ea.GatedController.for_robot(controller, DT) if gated else controller
+    controller = ea.Shaped(controller) if shaped else controller
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
     measurement = plant.reset()
     state = controller.init(measurement)
@@ -159,22 +160,23 @@ def test_the_bare_controller_raises_or_gives_a_finite_torque(name, friction):
     check()
 
 
-@pytest.mark.parametrize("friction", [False, True])
+@pytest.mark.parametrize(("friction", "shaped"), [(False, False), (True, False), (True, True)])
 @pytest.mark.parametrize("name", ROBOTS)
-def test_behind_the_gate_nothing_is_raised_but_for_dt(name, friction):
-    """Up to three steps of anything: a finite torque within its limits and rate each time, a finite state."""
+def test_behind_the_gate_nothing_is_raised_but_for_dt(name, friction, shaped):
+    """Up to three steps of anything: a finite torque within its limits and rate each time, a finite state;
+    with a reference that is planned around the gate too."""
     robot = load(name)
 
     @given(st.lists(inputs(robot), min_size=1, max_size=3))
     def check(sequence):
-        controller, state, measurement = begun(name, True, friction)
-        gate, t = controller.gate, measurement.t
+        controller, state, measurement = begun(name, True, friction, shaped)
+        gate, t = (controller.controller if shaped else controller).gate, measurement.t
         for after, q, v, tau, goal, dt in [
             *sequence,
             (DT, measurement.q, measurement.v, measurement.tau, None, DT),
         ]:
             t += after
-            before = state.gate.tau
+            before = (state.inner if shaped else state).gate.tau
             with np.errstate(all="ignore"):
                 try:
                     state, command = controller.step(state, ea.Measurement(t, q, v, tau), goal, dt)

@@ -66,10 +66,11 @@ class DisturbanceEstimate:
     """d = low-pass of the torque that acted less what the model with the present theta explains of the
     motion.
 
-    It is fed forward. The model's friction stands at the reference's velocity, as it is fed forward itself;
-    so d is what the feed-forward lacks, and where the arm follows its reference and theta is right, d = 0. In
-    a joint that sticks nothing moves, and d integrates the control law's torque until it breaks loose; a
-    joint that rests within ``tolerance`` of its goal holds its d, or it would hunt about it.
+    It is fed forward. The model's friction stands at the reference's velocity, as it is fed forward itself,
+    but in a joint that leaves its reference, see `unexplained`; so d is what the feed-forward lacks, and
+    where the arm follows its reference and theta is right, d = 0. In a joint that sticks nothing moves, and d
+    integrates the control law's torque until it breaks loose; a joint that rests within ``tolerance`` of its
+    goal holds its d, or it would hunt about it.
 
     limit (nv,) [N m]: largest d, beyond what overcomes the friction that is known, of a joint that creeps or
     rests; moving (nv,) [N m]: of a faster one, which it could throw. memory (nv,) [s] of the low-pass:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -27,14 +26,6 @@ BISECTIONS = 12
 SMOOTH_TERMS = ("rotor", "viscous", "offset")  # what tells viscous friction and offset tells Coulomb's too
 MARGIN, SPARE = 0.05, 0.1  # kept free of the joint range, of the effort limits
 WIDEST = np.pi / 2  # [rad or m] about the start where the range is not limited
-
-
-class _Series(NamedTuple):
-    """x and its derivatives at times (n,), each (n, nv), for given coefficients."""
-
-    x: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,14 +114,14 @@ class _Problem:
         self.data = robot.model.createData()
         self.effort = (1 - SPARE) * effort(robot, extremes(robot))
 
-    def series(self, z: np.ndarray, scale: np.ndarray, t: float | np.ndarray) -> _Series:
-        """(n, nv) each at times t; scale (nv,): of each joint's motion."""
+    def series(self, z: np.ndarray, scale: np.ndarray, t: float | np.ndarray) -> Course:
+        """The motion at times t, (n, nv) each; scale (nv,): of each joint's."""
         first, second = np.reshape(z, (2, HARMONICS - 1, self.robot.nv))
         a, b = self.even @ first * scale, self.odd @ second * scale  # (harmonics, nv)
         turn = self.w * np.multiply.outer(np.atleast_1d(t), self.order)
         sine, cosine, rate = np.sin(turn), np.cos(turn), self.w * self.order
         x = (sine / rate) @ a + ((1 - cosine) / rate) @ b
-        return _Series(x, cosine @ a + sine @ b, -(sine * rate) @ a + (cosine * rate) @ b)
+        return Course(x, cosine @ a + sine @ b, -(sine * rate) @ a + (cosine * rate) @ b)
 
     def scale(self, z: np.ndarray) -> np.ndarray:
         """(nv,) by which each joint comes within positions, velocities and accelerations, and then all of

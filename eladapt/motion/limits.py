@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eladapt.errors import ArgumentError, require_gain, require_number
+from eladapt.gains.derived import ASSUMED_ROTOR_ACCELERATION
 from eladapt.gains.extremes import SAMPLES, configurations, effort, extremes
 from eladapt.gains.rules import Rule, rules_table, shown
 from eladapt.robot.model import Robot
@@ -15,7 +16,6 @@ UNSET_VELOCITY = 2.0  # [rad/s or m/s] where neither URDF nor maker sets one
 SHARE = 0.5  # of the torque that gravity leaves: the rest is for loads, friction and what tracking takes
 SCARCE = 0.1  # of the effort limit, which counts as left where gravity takes nearly all
 RISE = 0.1  # [s] the least time to full speed and, again, to full acceleration: makers' values are near it
-ASSUMED_ROTOR_ACCELERATION = 400.0  # [rad/s^2] of a rotor alone at the effort limit, as gains reckon
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +73,20 @@ class MotionLimits:
             ))  # fmt: skip
             return found
 
-        unset = np.full(robot.nv, UNSET_VELOCITY)
-        declared = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, unset)
+        declared = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, UNSET_VELOCITY)
         top = settle("velocity", velocity, {"URDF": declared})
-        spare = _torque_share(robot, limit, SHARE)
+        postures = configurations(robot, SAMPLES, 0)
+        inertia = np.array([robot.mass_matrix(q) for q in postures])
+        gravity = np.array([robot.gravity(q) for q in postures])
+        free = SHARE * np.maximum(limit - np.abs(gravity), SCARCE * limit)
+        rotor = limit / ASSUMED_ROTOR_ACCELERATION
+        alone = np.min(free / (np.einsum("kii->ki", inertia) + rotor), axis=0)
+        spare = alone * _together(inertia, alone, free)
         strong = settle("acceleration", acceleration, {"torque": spare, "full speed in 0.1 s": top / RISE})
         sudden = {"full acceleration in 0.1 s": strong / RISE}
         if "torque_rate" in robot.published:
             rate = SHARE * robot.published["torque_rate"]
-            sudden["torque rate"] = strong * _common(robot, strong, [rate] * SAMPLES)
+            sudden["torque rate"] = strong * _together(inertia, strong, rate)
         return cls(robot, top, strong, settle("jerk", jerk, sudden), tuple(rules))
 
     def __str__(self) -> str:
@@ -92,18 +97,7 @@ class MotionLimits:
         return f"MotionLimits({self.robot.name}: {', '.join(parts)})"
 
 
-def _torque_share(robot: Robot, limit: np.ndarray, share: float) -> np.ndarray:
-    """(nv,) accelerations that all joints can have at once with a share of the torque beside gravity."""
-    postures = configurations(robot, SAMPLES, 0)
-    free = [share * np.maximum(limit - np.abs(robot.gravity(q)), SCARCE * limit) for q in postures]
-    rotor = limit / ASSUMED_ROTOR_ACCELERATION
-    alone = [f / (np.diag(robot.mass_matrix(q)) + rotor) for f, q in zip(free, postures, strict=True)]
-    least = np.min(alone, axis=0)
-    return least * _common(robot, least, free)
-
-
-def _common(robot: Robot, acceleration: np.ndarray, torque: list[np.ndarray]) -> float:
-    """By what factor accelerations (nv,) may be made together with these torques (nv,), a sample each."""
-    postures = configurations(robot, len(torque), 0)
-    needed = [np.abs(robot.mass_matrix(q)) @ acceleration for q in postures]
-    return float(np.min([np.min(t / n) for t, n in zip(torque, needed, strict=True)]))
+def _together(inertia: np.ndarray, acceleration: np.ndarray, torque: np.ndarray) -> float:
+    """By what factor all joints may have accelerations (nv,) at once with these torques (nv,) or (n, nv);
+    inertia (n, nv, nv): M of the postures."""
+    return float(np.min(torque / (np.abs(inertia) @ acceleration)))

@@ -14,8 +14,6 @@ from eladapt.motion.limits import MotionLimits
 from eladapt.robot.model import Robot
 from eladapt.signals import Reference
 
-SAMPLES = 200  # of a motion, where it is checked or drawn
-
 
 class Course(NamedTuple):
     """Where a motion is: from its start in the tangent space, each (nv,)."""

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
 from eladapt.compiling import SCALAR, VECTOR, VIEW, kernel, prepare
-from eladapt.errors import ArgumentError
+from eladapt.errors import ArgumentError, require_number
 from eladapt.motion.limits import MotionLimits
-from eladapt.robot.model import Robot
-from eladapt.robot.protocols import BareController, Goal, Recorded, handed_on, recorded_by
+from eladapt.robot.protocols import Around, BareController, Goal, handed_on
 from eladapt.signals import Measurement, Reference
 
 INSIDE = 0.01  # [rad or m] of a joint limit: what a gate that looks ahead leaves to stop in
@@ -97,15 +95,21 @@ class ShapedState(NamedTuple):
     inner: Any  # the controller's state
     reference: Reference  # where the arm should be now
     t: float  # [s] of the measurement that the reference belongs to
+    begun: bool = False  # whether a goal was seen yet
 
     @property
     def fault(self) -> Any:
         """The gate's inside, None where there is none."""
         return getattr(self.inner, "fault", None)
 
+    @property
+    def measurement(self) -> Any:
+        """The last one that the controller saw, None where its state does not say."""
+        return getattr(self.inner, "measurement", None)
+
 
 @dataclass(frozen=True, eq=False)
-class Shaped:
+class Shaped(Around):
     """A controller whose goal may jump, reverse or run away: it is given a reference within the limits.
 
     In every step the fastest way from where the reference is to the goal, all joints arriving together, is
@@ -134,32 +138,6 @@ class Shaped:
     def __repr__(self) -> str:
         return f"Shaped({self.controller!r})"
 
-    @property
-    def robot(self) -> Robot:
-        return self.controller.robot
-
-    @property
-    def regressors(self) -> Any:
-        """The controller's, None if it has none."""
-        return getattr(self.controller, "regressors", None)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """The controller's."""
-        return self._recorded.labels
-
-    def recorded(self, state: ShapedState) -> Mapping[str, np.ndarray]:
-        """What the controller has recorded."""
-        return self._recorded.recorded(state.inner)
-
-    def reviewed(self, state: ShapedState, frame: str | None) -> Mapping[str, np.ndarray]:
-        """What the controller has reviewed."""
-        return self._recorded.reviewed(state.inner, frame)
-
-    def true_parameters(self, model: pin.Model) -> np.ndarray | None:
-        """The controller's."""
-        return self._recorded.true_parameters(model)
-
     def init(self, measurement: Measurement, theta0: Any = None) -> ShapedState:
         """The reference where the arm is, as fast as it is within the limits; theta0 as the controller takes
         it."""
@@ -175,28 +153,31 @@ class Shaped:
     ) -> tuple[ShapedState, np.ndarray]:
         """The state at ``measurement`` and the torque (nv,) to hold for dt [s].
 
-        Raises what the controller raises; a goal that is none is handed on to it, which says so.
+        Raises ArgumentError for a dt that is not positive, and what the controller raises; a measurement or a
+        goal that is none is handed on to it, which says so. A sample that was seen before moves nothing.
         """
+        dt = require_number("dt", dt, 0)
         try:
             wanted = self.robot.check_goal(goal)
         except ArgumentError:
             inner, tau = self.controller.step(state.inner, measurement, goal, dt)
             return state._replace(inner=inner), tau
+        t, reference = getattr(measurement, "t", None), state.reference
         if state.fault is not None:
-            reference = self._here(measurement, state.reference)
-        elif measurement.t == state.t:
-            reference = self._begun(state.reference, wanted)
-        else:
-            reference = self.follow(state.reference, wanted, dt)
+            reference = self._seen(measurement) or reference
+        elif not state.begun:
+            reference = self._begun(reference, wanted)
+        elif t != state.t:
+            reference = self.follow(reference, wanted, dt)
         inner, tau = self.controller.step(state.inner, measurement, handed_on(reference), dt)
-        return ShapedState(inner, reference, getattr(measurement, "t", state.t)), tau
+        return ShapedState(inner, reference, float(t) if isinstance(t, int | float) else state.t, True), tau
 
     def follow(self, reference: Reference, goal: Reference, dt: float) -> Reference:
         """The reference dt [s] later, on its way to the goal.
 
         The way is planned beside the goal, as if that went on as it accelerates now: what is left of the
         limits beside the goal's own motion is what it takes to come nearer. A goal that leaves nothing is
-        run after where it is.
+        run after where it is; to one that no motion leads to, 1e300 rad off, the reference brakes.
         """
         model, frame = self.robot.model, self._frame
         way = pin.difference(model, reference.q, goal.q)
@@ -204,13 +185,10 @@ class Shaped:
         limits = frame.limits
         if reached(way, *reference[1:], *goal[1:], *limits, dt):
             return Reference(pin.integrate(model, reference.q, way), goal.v, goal.a)
-        moving = goal if slower(*goal[1:], *limits[:2]) else Reference(goal.q, frame.still, frame.still)
-        step = self._planned(reference, way, moving, dt)
-        if step is None and moving is goal:
-            step = self._planned(reference, way, Reference(goal.q, frame.still, frame.still), dt)
-        if step is None:
-            raise ArgumentError(f"motion: ruckig finds none from {reference} to {goal}")
-        return step
+        there = Reference(goal.q, frame.still, frame.still)
+        step = self._planned(reference, way, goal, dt) if slower(*goal[1:], *limits[:2]) else None
+        step = step or self._planned(reference, way, there, dt)
+        return step or self._planned(reference, frame.still, there, dt) or reference
 
     def _planned(self, reference: Reference, way: np.ndarray, goal: Reference, dt: float) -> Reference | None:
         """The first step of the fastest way to a goal that is ``way`` (nv,) off and goes on as it moves; None
@@ -238,14 +216,9 @@ class Shaped:
         return goal if near.all() and not goal.v.any() and not goal.a.any() else reference
 
     @functools.cached_property
-    def _recorded(self) -> Recorded:
-        return recorded_by(self.controller)
-
-    @functools.cached_property
     def _frame(self) -> _Frame:
         """What stays the same from step to step, and memory of the planner, which holds nothing."""
-        robot, limits = self.robot, self.limits
-        assert limits is not None
+        robot, limits = self.robot, cast(MotionLimits, self.limits)
         problem = InputParameter(robot.nv)
         problem.max_jerk = limits.jerk
         return _Frame(
@@ -254,16 +227,18 @@ class Shaped:
             problem, Trajectory(robot.nv), Ruckig(robot.nv),
         )  # fmt: skip
 
-    def _here(self, measurement: Measurement, otherwise: Reference | None = None) -> Reference:
-        """Where the arm is, at the speed that it has as far as that is within the limits."""
-        limits = self.limits
-        assert limits is not None
+    def _here(self, measurement: Measurement) -> Reference:
+        """Where the arm is, at the speed that it has as far as that is within the limits.
+
+        Raises ArgumentError for what is no measurement.
+        """
+        _, q, v, _ = self.robot.check_measurement(measurement)
+        top, still = self._frame.limits[0], self._frame.still
+        return Reference(q, np.minimum(np.maximum(v, -top), top), still.copy())
+
+    def _seen(self, measurement: Any) -> Reference | None:
+        """The same, None for what is no measurement."""
         try:
-            _, q, v, _ = self.robot.check_measurement(measurement)
-        except ArgumentError:
-            if otherwise is None:
-                raise
-            return otherwise
-        return Reference(
-            q, np.minimum(np.maximum(v, -limits.velocity), limits.velocity), np.zeros(self.robot.nv)
-        )
+            return self._here(measurement)
+        except (ArgumentError, TypeError, ValueError, OverflowError):
+            return None

@@ -22,29 +22,28 @@ from eladapt.errors import (
     UnitsWarning,
     UnknownNameError,
     UrdfError,
-    require_gain,
     require_number,
     require_vector,
 )
 from eladapt.robot import library
 from eladapt.robot.reading import (
     clipped_neutral,
+    coupled_too,
     frame_index,
     last_body,
     lock,
     matching_joints,
+    published_limits,
     read_model,
     velocity_index,
 )
 from eladapt.signals import Measurement, Reference
-from eladapt.urdf.checks import check_mimics, check_model, check_urdf, coupled_joints
+from eladapt.urdf.checks import check_mimics, check_model, check_urdf
 from eladapt.urdf.mending import mend as mended
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 DOUBLE = np.dtype(float)
-MIMIC = "mimic"
 POSTURES = 50  # in which gravity is compared with the effort limits
-PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
 UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
 
 
@@ -65,7 +64,7 @@ class Robot:
     locked: tuple[str, ...] = ()
     tool: str = ""  # frame of the end effector
     zero_parameters: tuple[str, ...] = ()  # standard parameters known to be zero, as "my(elbow)"
-    # What the maker publishes beside the URDF, (nv,) each: any of `PUBLISHED`.
+    # What the maker publishes beside the URDF, (nv,) each: any of `robot.reading.PUBLISHED`.
     published: Mapping[str, np.ndarray] = field(default_factory=dict)
     mend: bool = False  # whether bodies that are not physical were mended when the file was read
     _data: pin.Data = field(default=None, repr=False)
@@ -111,7 +110,7 @@ class Robot:
         joint names to rotor inertias [kg m^2]. ``zero_parameters`` are standard parameters that
         symmetry makes zero, as "my(elbow)" for the body behind that joint: `Regressors` then has no
         column for them. ``published`` are limits that the maker gives beside the URDF, a positive
-        number a joint, by the names of `PUBLISHED`; motions and the torque gate keep to them.
+        number a joint, velocity, acceleration, jerk or torque_rate; motions and the torque gate keep to them.
         ``home`` defaults to the neutral posture, clipped to the limits, and ``target`` to home.
         ``mend`` takes the nearest physical inertia for bodies whose principal moments no body has, and
         warns of each change; without it they are refused.
@@ -121,7 +120,7 @@ class Robot:
         path = Path(path)
         check_urdf(path, package_dirs)
         full = read_model(path)
-        locked_names = matching_joints(full, _coupled_too(path, locked, list(full.names)))
+        locked_names = matching_joints(full, coupled_too(path, locked, full))
         check_mimics(path, locked_names)
         model = lock(full, locked_names)
         for joint, inertia in (armature or {}).items():
@@ -133,10 +132,9 @@ class Robot:
         check_model(model, path)
         if tool is not None:
             frame_index(model, tool)
-        _warn_of_units(model, name or model.name)
         neutral = pin.difference(model, pin.neutral(model), clipped_neutral(model))
         home = neutral if home is None else require_vector("home", home, model.nv)
-        return cls(
+        robot = cls(
             model=model,
             name=name or model.name,
             path=path.resolve(),
@@ -144,11 +142,13 @@ class Robot:
             locked=tuple(locked_names),
             tool=tool or last_body(model),
             zero_parameters=tuple(zero_parameters),
-            published=_published(published or {}, model.nv),
+            published=published_limits(published or {}, model.nv),
             mend=mend,
             home=home,
             target=home if target is None else require_vector("target", target, model.nv),
         )
+        robot._warn_of_units()
+        return robot
 
     @classmethod
     def load(cls, name: str) -> Robot:
@@ -396,6 +396,19 @@ class Robot:
                         "make q with robot.configuration(angles)"
                     )
 
+    def _warn_of_units(self) -> None:
+        """Say so where gravity is more than the motors can hold wherever the arm is."""
+        rng = np.random.default_rng(0)
+        gravity = [self.gravity(self.random_configuration(rng)) for _ in range(POSTURES)]
+        shares = np.abs(gravity) / self.effort_limit
+        if shares.max(axis=1).min() > 1:
+            k = int(np.argmax(shares.min(axis=0)))
+            warnings.warn(
+                f"{self.name}: gravity is more than the effort limits everywhere; {self.joint_names[k]} "
+                f"would need {np.median(shares[:, k]):.3g} times its {self.effort_limit[k]:g} N m. Are masses and "
+                "lengths in kg and m?", UnitsWarning, stacklevel=3,
+            )  # fmt: skip
+
     def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
         for joint in range(1, self.model.njoints):
@@ -404,39 +417,6 @@ class Robot:
             if self.model.nqs[joint] == 1 and low < high:
                 lower[i], upper[i] = low, high
         return lower, upper
-
-
-def _warn_of_units(model: pin.Model, name: str) -> None:
-    """Say so where gravity is more than the motors can hold wherever the arm is."""
-    data, limit = model.createData(), _set_or_inf(model.upperEffortLimit)
-    lower = np.maximum(model.lowerPositionLimit, -np.pi)
-    model = model.copy()
-    model.lowerPositionLimit, model.upperPositionLimit = lower, np.minimum(model.upperPositionLimit, np.pi)
-    pin.seed(0)
-    postures = [pin.randomConfiguration(model) for _ in range(POSTURES)]
-    shares = np.array([np.abs(pin.computeGeneralizedGravity(model, data, q)) / limit for q in postures])
-    if shares.max(axis=1).min() > 1:
-        k = int(np.argmax(shares.min(axis=0)))
-        warnings.warn(
-            f"{name}: gravity is more than the effort limits everywhere; {model.names[k + 1]} would need "
-            f"{np.median(shares[:, k]):.3g} times its {limit[k]:g} N m. Are masses and lengths in kg and m?",
-            UnitsWarning, stacklevel=3,
-        )  # fmt: skip
-
-
-def _coupled_too(path: Path, locked: Iterable[str], joints: Sequence[str]) -> list[str]:
-    """What is to be locked, with "mimic" standing for all joints that follow another one."""
-    given = [locked] if isinstance(locked, str) else list(locked)
-    if MIMIC not in given or MIMIC in joints:
-        return given
-    return [name for name in given if name != MIMIC] + list(coupled_joints(path))
-
-
-def _published(given: Mapping[str, Sequence[float] | np.ndarray], nv: int) -> dict[str, np.ndarray]:
-    """Limits by name, checked."""
-    if unknown := [name for name in given if name not in PUBLISHED]:
-        raise UnknownNameError("published limit", unknown, PUBLISHED)
-    return {name: require_gain(f"published {name}", values, nv) for name, values in given.items()}
 
 
 def _is_vector(value: object, size: int) -> bool:

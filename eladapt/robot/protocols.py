@@ -7,6 +7,7 @@ the one place where that is decided.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -76,6 +77,45 @@ class Unrecorded:
     def true_parameters(self, model: pin.Model) -> np.ndarray | None:
         """Not known."""
         return None
+
+
+class Around:
+    """What a controller around another one hands through; its states have the other's as ``inner``.
+
+    Abstract: ``controller`` is the one inside.
+    """
+
+    controller: BareController
+
+    @property
+    def robot(self) -> Robot:
+        return self.controller.robot
+
+    @property
+    def regressors(self) -> Any:
+        """The controller's, None if it has none."""
+        return getattr(self.controller, "regressors", None)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The controller's."""
+        return self._recorded.labels
+
+    def recorded(self, state: Any) -> Mapping[str, np.ndarray]:
+        """What the controller has recorded."""
+        return self._recorded.recorded(state.inner)
+
+    def reviewed(self, state: Any, frame: str | None) -> Mapping[str, np.ndarray]:
+        """What the controller has reviewed."""
+        return self._recorded.reviewed(state.inner, frame)
+
+    def true_parameters(self, model: pin.Model) -> np.ndarray | None:
+        """The controller's."""
+        return self._recorded.true_parameters(model)
+
+    @functools.cached_property
+    def _recorded(self) -> Recorded:
+        return recorded_by(self.controller)
 
 
 def recorded_by(controller: BareController) -> Recorded:

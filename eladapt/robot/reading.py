@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import UnknownNameError, UrdfError
+from eladapt.errors import UnknownNameError, UrdfError, require_gain
 from eladapt.robot import library
-from eladapt.urdf.checks import read_urdf
+from eladapt.urdf.checks import coupled_joints, read_urdf
+
+MIMIC = "mimic"
+PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
 
 
 def frame_index(model: pin.Model, name: str) -> int:
@@ -49,6 +52,21 @@ def matching_joints(model: pin.Model, patterns: Iterable[str]) -> list[str]:
     if unknown:
         raise UnknownNameError("joint", unknown, names)
     return [name for name in names if name in chosen]
+
+
+def coupled_too(path: Path, locked: Iterable[str], model: pin.Model) -> list[str]:
+    """What is to be locked, with "mimic" standing for all joints that follow another one."""
+    given = [locked] if isinstance(locked, str) else list(locked)
+    if MIMIC not in given or model.existJointName(MIMIC):
+        return given
+    return [name for name in given if name != MIMIC] + list(coupled_joints(path))
+
+
+def published_limits(given: Mapping[str, Sequence[float] | np.ndarray], nv: int) -> dict[str, np.ndarray]:
+    """A maker's limits by name, (nv,) each. Raises UnknownNameError, ArgumentError."""
+    if unknown := [name for name in given if name not in PUBLISHED]:
+        raise UnknownNameError("published limit", unknown, PUBLISHED)
+    return {name: require_gain(f"published {name}", values, nv) for name, values in given.items()}
 
 
 def lock(full: pin.Model, names: Sequence[str]) -> pin.Model:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_number
-from eladapt.robot.model import Robot
-from eladapt.robot.protocols import BareController, Goal, Recorded, handed_on, recorded_by
+from eladapt.robot.protocols import Around, BareController, Goal, handed_on
 from eladapt.safety.gate import Fault, GateState, TorqueGate, checked_torque
 from eladapt.signals import Measurement
 
@@ -51,7 +47,7 @@ class GatedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GatedController:
+class GatedController(Around):
     """A controller whose torque passes a `TorqueGate`, which takes over when something is wrong.
 
     A short spell of bad samples holds the last torque, within its limits, and the controller goes on from the
@@ -78,32 +74,6 @@ class GatedController:
     def __repr__(self) -> str:
         kind, name = type(self.controller).__name__, self.robot.name
         return f"GatedController({kind} of {name}, without a measurement for at most {self.gate.max_age:g} s)"
-
-    @property
-    def robot(self) -> Robot:
-        return self.controller.robot
-
-    @property
-    def regressors(self) -> Any:
-        """The controller's, None if it has none: by them its estimate is the gravity of the fallback."""
-        return getattr(self.controller, "regressors", None)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """The controller's."""
-        return self._recorded.labels
-
-    def recorded(self, state: GatedState) -> Mapping[str, np.ndarray]:
-        """What the controller has recorded."""
-        return self._recorded.recorded(state.inner)
-
-    def reviewed(self, state: GatedState, frame: str | None) -> Mapping[str, np.ndarray]:
-        """What the controller has reviewed."""
-        return self._recorded.reviewed(state.inner, frame)
-
-    def true_parameters(self, model: pin.Model) -> np.ndarray | None:
-        """The controller's."""
-        return self._recorded.true_parameters(model)
 
     def init(self, measurement: Measurement, theta0: Any = None) -> GatedState:
         """Controller and gate at the first measurement; theta0 as the controller takes it, None for its
@@ -154,10 +124,6 @@ class GatedController:
         if forget:
             return self._begun(gate, state.trusted if len(state.trusted) else None)
         return GatedState(state.inner, gate, state.trusted)
-
-    @functools.cached_property
-    def _recorded(self) -> Recorded:
-        return recorded_by(self.controller)
 
     def _begun(self, gate: GateState, theta0: Any) -> GatedState:
         given = () if theta0 is None else (theta0,)

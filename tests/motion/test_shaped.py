@@ -203,3 +203,31 @@ def test_a_fast_motion_of_a_light_arm_from_nothing():
     assert record.final_state.fault is None
     assert np.all(np.abs(record.v) <= robot.velocity_limit)
     assert record.settling_time(1e-3) < 0.8
+
+
+def test_a_sample_that_was_seen_before_moves_nothing():
+    """The interface hands the last one over where there is no newer: the reference stays, in motion too."""
+    robot, shaped = made("two_link")
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    measurement, goal = plant.reset(), robot.configuration(robot.home + 5e-4)
+    state = shaped.init(measurement)
+    for _ in range(5):
+        state, tau = shaped.step(state, measurement, robot.configuration(robot.target), DT)
+        measurement = plant.step(tau, DT)
+    again, _ = shaped.step(state, measurement._replace(t=state.t), goal, DT)
+    assert again.reference is state.reference
+    assert state.measurement.t == state.t
+
+
+def test_a_goal_that_no_motion_leads_to_brakes_the_reference():
+    """One that claims 1e300 rad/s: the reference keeps its limits, and comes to rest where the goal is."""
+    robot, shaped = made("kinova")
+    reference = robot.check_goal(robot.configuration(robot.home))
+    for k in range(3000):
+        goal = robot.check_goal(robot.configuration(robot.target))
+        far = ea.Reference(goal.q, np.full(robot.nv, 1e300), goal.a)
+        reference = shaped.follow(reference, far if k > 300 else goal, DT)
+        assert np.all(np.abs(reference.v) <= shaped.limits.velocity * (1 + 1e-9))
+    assert np.abs(robot.difference(reference.q, goal.q)).max() < 1e-9
+    with pytest.raises(ArgumentError, match="dt: expected a finite number"):
+        shaped.step(shaped.init(ea.PinocchioPlant(robot, goal.q).reset()), None, goal.q, 0.0)
