@@ -405,8 +405,8 @@ class Robot:
             k = int(np.argmax(shares.min(axis=0)))
             warnings.warn(
                 f"{self.name}: gravity is more than the effort limits everywhere; {self.joint_names[k]} "
-                f"would need {np.median(shares[:, k]):.3g} times its {self.effort_limit[k]:g} N m. Are masses and "
-                "lengths in kg and m?", UnitsWarning, stacklevel=3,
+                f"would need {np.median(shares[:, k]):.3g} times its {self.effort_limit[k]:g} N m. Are masses "
+                "and lengths in kg and m?", UnitsWarning, stacklevel=3,
             )  # fmt: skip
 
     def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
