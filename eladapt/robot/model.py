@@ -403,10 +403,11 @@ class Robot:
         shares = np.abs(gravity) / self.effort_limit
         if shares.max(axis=1).min() > 1:
             k = int(np.argmax(shares.min(axis=0)))
+            joint, needed = self.joint_names[k], np.median(shares[:, k])
             warnings.warn(
-                f"{self.name}: gravity is more than the effort limits everywhere; {self.joint_names[k]} "
-                f"would need {np.median(shares[:, k]):.3g} times its {self.effort_limit[k]:g} N m. Are masses "
-                "and lengths in kg and m?", UnitsWarning, stacklevel=3,
+                f"{self.name}: gravity is more than the effort limits everywhere; {joint} would need {needed:.3g} "
+                f"times its {self.effort_limit[k]:g} N m. Are masses and lengths in kg and m?",
+                UnitsWarning, stacklevel=3,
             )  # fmt: skip
 
     def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
