@@ -405,8 +405,8 @@ class Robot:
             k = int(np.argmax(shares.min(axis=0)))
             joint, needed = self.joint_names[k], np.median(shares[:, k])
             warnings.warn(
-                f"{self.name}: gravity is more than the effort limits everywhere; {joint} would need {needed:.3g} "
-                f"times its {self.effort_limit[k]:g} N m. Are masses and lengths in kg and m?",
+                f"{self.name}: gravity is more than the effort limits everywhere; {joint} would need "
+                f"{needed:.3g} times its {self.effort_limit[k]:g} N m. Are masses and lengths in kg and m?",
                 UnitsWarning, stacklevel=3,
             )  # fmt: skip
 

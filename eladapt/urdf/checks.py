@@ -33,6 +33,7 @@ MAX_DEPTH = 32
 MAX_ELEMENTS = 50_000  # the largest published robot has 2,500; 5 MB of empty ones would take 0.4 GB
 MAX_JOINTS = 200
 DECLARATION = re.compile(rb"""\s*<\?xml[^>]*encoding=["']([-\w.]+)["'][^>]*\?>""")
+WRITTEN = (b"gb", b"big5", b"shift", b"sjis", b"euc", b"iso-", b"iso2022", b"cp", b"windows-", b"koi8")
 MACROS = ("property", "include", "macro")  # of xacro when it had no prefix
 
 # Published links lie on the very boundary of the physical (rods without width, point masses): allow rounding.
@@ -144,9 +145,12 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _as_utf8(text: bytes) -> bytes:
-    """A document in the encoding that it declares, as the XML reader takes it, which knows few."""
+    """A document in the encoding that it declares, as the XML reader takes it, which knows few.
+
+    Of encodings in which people write, by the beginnings of their names: others of Python's are slow traps.
+    """
     declared = DECLARATION.match(text)
-    if not declared or declared[1].lower().startswith((b"utf", b"us-ascii", b"iso-8859-1")):
+    if not declared or not declared[1].lower().startswith(WRITTEN):
         return text
     return text[declared.end() :].decode(declared[1].decode("ascii")).encode()
 

@@ -429,3 +429,12 @@ def test_a_body_that_is_none_is_mended_where_asked(tmp_path):
     assert robot.model.inertias[2] == plain.inertias[2]
     with pytest.warns(MendedWarning):
         assert Robot.from_source(robot.source).model == robot.model
+
+
+@pytest.mark.parametrize("encoding", ["punycode", "zlib", "rot13", "nonsense"])
+def test_an_encoding_that_nobody_writes_in_is_refused(tmp_path, encoding):
+    """Without a try at it: decoding five megabytes of punycode takes hours."""
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(f'<?xml version="1.0" encoding="{encoding}"?>'.encode() + b"a" * 4_000_000)
+    with pytest.raises(UrdfError, match="encoding"):
+        read_urdf(path)
