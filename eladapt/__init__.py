@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from eladapt.display.motions import plot_motion
     from eladapt.display.plots import plot
     from eladapt.display.report import report
+    from eladapt.motion.reach import reach
     from eladapt.simulation.mujoco_plant import MujocoPlant
     from eladapt.viewing.live import LiveView
     from eladapt.viewing.viewer import view
@@ -114,6 +115,7 @@ __all__ = [
     "payload",
     "plot",
     "plot_motion",
+    "reach",
     "report",
     "robots",
     "run_loop",
@@ -126,12 +128,13 @@ __all__ = [
 ]
 
 
-# Imported when they are asked for: matplotlib and MeshCat are slow to import, Bokeh and MuJoCo optional.
+# Imported when asked for: matplotlib and MeshCat are slow to import, Bokeh, MuJoCo and pink optional.
 _LATER = {
     "LiveView": "eladapt.viewing.live",
     "MujocoPlant": "eladapt.simulation.mujoco_plant",
     "plot": "eladapt.display.plots",
     "plot_motion": "eladapt.display.motions",
+    "reach": "eladapt.motion.reach",
     "report": "eladapt.display.report",
     "view": "eladapt.viewing.viewer",
 }

@@ -23,13 +23,15 @@ NEEDED = (
     "scipy",
     "pin",
     "example-robot-data",
+    "numba",
+    "ruckig",
     "matplotlib",
     "meshcat",
     "tornado",
     "defusedxml",
     "tqdm",
 )
-WANTED = {"numba": "fast", "mujoco": "mujoco", "bokeh": "report"}  # package: eladapt's extra
+WANTED = {"mujoco": "mujoco", "bokeh": "report", "pin-pink": "motion"}  # package: eladapt's extra
 WARM = 20  # steps that load or compile what they need
 STEPS, RATE = 400, 1e-3  # of the Panda's loop, and the step it has to keep [s]
 
