@@ -103,6 +103,11 @@ class ShapedState(NamedTuple):
         return getattr(self.inner, "fault", None)
 
     @property
+    def brake(self) -> bool:
+        """Whether a gate inside wants the brakes."""
+        return bool(getattr(self.inner, "brake", False))
+
+    @property
     def measurement(self) -> Any:
         """The last one that the controller saw, None where its state does not say."""
         return getattr(self.inner, "measurement", None)

@@ -134,6 +134,11 @@ class Plant(Protocol):
     def v(self) -> np.ndarray: ...
     def reset(self) -> Measurement: ...
     def step(self, tau: np.ndarray, dt: float) -> Measurement: ...
+    def brake(self) -> None:
+        """Tell the brakes to close."""
+
+    def release(self) -> None:
+        """Open the brakes."""
 
 
 class Load(Protocol):

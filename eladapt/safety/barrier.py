@@ -15,7 +15,6 @@ import numpy as np
 
 from eladapt.errors import require_gain, require_number
 from eladapt.robot.model import Robot
-from eladapt.signals import Measurement
 
 SWEEPS = 4  # correcting one joint may accelerate another; more than two sweeps were never needed
 
@@ -44,12 +43,9 @@ class Barrier:
         for name in ("time", "horizon", "memory"):
             object.__setattr__(self, name, require_gain(name, getattr(self, name), self.robot.nv))
 
-    def unexplained(
-        self, before: np.ndarray, last: Measurement, measurement: Measurement, dt: float
-    ) -> np.ndarray:
-        """(nv,) [N m] what acts on the arm beside torque and model; ``before``: as it was at ``last``."""
-        _, q, v, tau = measurement
-        now = self.robot.inverse_dynamics(q, v, (v - last.v) / dt) - tau
+    def unexplained(self, before: np.ndarray, now: np.ndarray, dt: float) -> np.ndarray:
+        """(nv,) [N m] what acts on the arm beside torque and model; ``before``: a sample ago, ``now``: by the
+        last dt [s] alone."""
         return before - np.expm1(-dt / self.memory) * (now - before)
 
     def torque(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, unexplained: np.ndarray) -> np.ndarray:

@@ -21,16 +21,18 @@ from eladapt.gains.extremes import effort, extremes
 from eladapt.robot.model import Robot
 from eladapt.robot.protocols import Goal
 from eladapt.safety.barrier import Barrier
+from eladapt.safety.belief import Belief, BeliefState
+from eladapt.safety.fallback import Fallback, Hold
 from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
 from eladapt.signals import Measurement, Reference
 
 FAULTS = (
     "measurement", "watchdog", "frozen", "jump", "goal", "velocity", "joint limit", "error growth",
-    "energy growth", "stall", "controller", "torque",
+    "energy growth", "stall", "reversed", "unresponsive", "sensor", "controller", "torque",
 )  # fmt: skip
 
+BRAKED = ("velocity", "reversed", "unresponsive", "sensor")  # faults after which no torque is trusted to help
 FULL = 0.99  # of the effort limit
-FADING = 0.2  # [s]
 LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
 FAR = 1.0  # [rad or m] beyond its range no joint is where it is seen
 FASTEST = 1e3  # [rad/s] no arm turns at 10,000 rpm; where the URDF sets no limit, this one holds
@@ -55,15 +57,15 @@ class GateState(NamedTuple):
     goal: Reference  # the last valid one
     age: float  # [s] of the last trusted measurement; 0 when it is this sample's
     suspicion: str  # why the samples since were not trusted
-    q: np.ndarray  # (nq,) where the robot is believed to be: measured, or predicted since
+    q: np.ndarray  # (nq,) of the last trusted measurement
     v: np.ndarray  # (nv,)
     tau: np.ndarray  # (nv,) [N m] what left last
     unexplained: np.ndarray  # (nv,) [N m] what acts on the arm beside the torque and the model
     guard: GuardState
+    belief: BeliefState
     seen: int = 0  # trusted samples judged since `init`
     fault: Fault | None = None
-    anchor: np.ndarray | None = None  # (nq,) where the fallback holds the arm
-    offset: np.ndarray | None = None  # (nv,) [N m] what the trusted gravity estimate had lacked, fading
+    hold: Hold | None = None  # where the fallback stands, once there is a fault
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +75,9 @@ class TorqueGate:
     effort [N m]; torque_rate [N m/s]; velocity [rad/s]; lower, upper [rad]: what may not be passed, inf where
     nothing is set. A joint limit counts as passed when the velocity would carry the joint over it within
     ``lookahead`` [s]. max_age [s]: how long the last torque is held without a trusted measurement. resolution
-    [rad]: what a moving joint must show for its sensor not to be called frozen. P [N m/rad], D [N m s/rad]:
-    spring and damper of the fallback; slack [rad]: further off, the spring's anchor is dragged along; horizon
-    [s]: how far ahead the fallback evaluates its law; 10 ms bear a delay of 5 ms on a panda. guard: what
-    counts as divergence. barrier: None leaves the controller's torque as it is below the limits. Raises
-    ArgumentError for what is not positive.
+    [rad]: what a moving joint must show for its sensor not to be called frozen. fallback: what holds the arm
+    after a fault. guard: what counts as divergence. barrier: None leaves the controller's torque as it is
+    below the limits. Raises ArgumentError for what is not positive.
     """
 
     robot: Robot
@@ -86,10 +86,8 @@ class TorqueGate:
     velocity: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-    P: np.ndarray
-    D: np.ndarray
-    slack: float = 0.4
-    horizon: float = 0.01
+    fallback: Fallback
+    belief: Belief
     max_age: float = 0.02
     lookahead: float = 0.02
     resolution: float = 1e-4
@@ -98,8 +96,7 @@ class TorqueGate:
 
     def __post_init__(self) -> None:
         nv = self.robot.nv
-        for name in ("effort", "P", "D"):  # a fallback without bound would be none
-            object.__setattr__(self, name, require_gain(name, getattr(self, name), nv))
+        object.__setattr__(self, "effort", require_gain("effort", self.effort, nv))
         for name in ("torque_rate", "velocity"):
             limit = np.asarray(getattr(self, name), dtype=float)
             if limit.shape not in ((), (nv,)) or not np.all(limit > 0):
@@ -112,7 +109,7 @@ class TorqueGate:
             object.__setattr__(self, name, np.broadcast_to(limit, (nv,)).copy())
         if np.any(self.lower >= self.upper):
             raise ArgumentError(f"lower, upper: expected lower < upper, got {self.lower} and {self.upper}")
-        for name in ("max_age", "resolution", "slack", "horizon"):
+        for name in ("max_age", "resolution"):
             object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
         ahead = require_number("lookahead", self.lookahead, 0, np.finfo(float).max, closed=True)
         object.__setattr__(self, "lookahead", ahead)
@@ -123,8 +120,8 @@ class TorqueGate:
 
         effort: the URDF's, or max(3 max|g|, 20 max M) where it sets none. torque_rate: all of it in 10 ms, or
         ten steps of dt, and no more than the maker allows. velocity: 1.1 times the URDF's, 1 for what a noisy
-        sensor adds. max_age: 20 ms, or five steps. P: all effort at half a radian; D: critical for the
-        largest inertia. Raises UnknownNameError for a name that is no limit.
+        sensor adds. max_age: 20 ms, or five steps. fallback: see `Fallback.for_robot`, with a horizon of 10 ms,
+        or three steps. Raises UnknownNameError for a name that is no limit.
         """
         dt = require_number("dt", dt, 0)
         legal = [name for name in cls.__dataclass_fields__ if name != "robot"]
@@ -132,15 +129,12 @@ class TorqueGate:
             raise UnknownNameError("limit", unknown, legal)
         largest = extremes(robot)
         limit = np.broadcast_to(np.asarray(given.get("effort", effort(robot, largest)), float), robot.nv)
-        P = np.broadcast_to(np.asarray(given.get("P", 2 * limit), float), robot.nv)
         rate = limit / max(0.01, 10 * dt)
         if "torque_rate" in robot.published:
             rate = np.minimum(rate, robot.published["torque_rate"])
         derived = {
             "effort": limit, "torque_rate": rate, "max_age": max(0.02, 5 * dt),
-            "horizon": max(0.01, 3 * dt),
             "velocity": 1.1 * robot.velocity_limit, "lower": robot.lower, "upper": robot.upper,
-            "P": P, "D": 2 * np.sqrt(P * largest.inertia),
         }  # fmt: skip
         limits = {**derived, **given}
         velocity, lower, upper = (
@@ -150,7 +144,9 @@ class TorqueGate:
         reversing = np.asarray(limits["effort"]) / np.asarray(limits["torque_rate"])
         horizon = np.maximum(max(0.01, 10 * dt), np.minimum(reversing, LONGEST_HORIZON))
         barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 4 * horizon), horizon=horizon)
-        return cls(robot, **{"barrier": barrier, **limits})
+        fallback = Fallback.for_robot(robot, limit, largest, max(0.01, 3 * dt))
+        belief = Belief.for_robot(robot, limit, velocity, dt)
+        return cls(robot, **{"barrier": barrier, "fallback": fallback, "belief": belief, **limits})
 
     def init(self, measurement: Measurement) -> GateState:
         """Nothing is wrong at the first measurement. Raises ArgumentError if that is not an arm's."""
@@ -170,7 +166,9 @@ class TorqueGate:
         tau = np.clip(tau, -self.effort, self.effort)
         nv = self.robot.nv
         here = Reference(q, np.zeros(nv), np.zeros(nv))
-        return GateState(measurement, here, 0.0, "", q, v, tau, np.zeros(nv), self.guard.init(q, nv))
+        return GateState(
+            measurement, here, 0.0, "", q, v, tau, np.zeros(nv), self.guard.init(q, nv), self.belief.init()
+        )
 
     def watch(self, state: GateState, measurement: Measurement, goal: Goal, dt: float) -> GateState:
         """Judge a sample and a goal; `age` is 0 if they are trusted, and `fault` says what is wrong."""
@@ -213,36 +211,21 @@ class TorqueGate:
         near = np.minimum(np.maximum(tau, state.tau - step), state.tau + step)
         return np.minimum(np.maximum(near, -self.effort), self.effort)
 
-    def coast(self, state: GateState, dt: float) -> GateState:
-        """Where the arm goes under the torque that is held, by the model and what it had not explained."""
-        robot = self.robot
-        acceleration = robot.forward_dynamics(state.q, state.v, state.tau + state.unexplained)
-        v = state.v + dt * acceleration
-        return _believed(robot, state, v, dt)
-
-    def fallback(self, state: GateState, gravity: np.ndarray, dt: float) -> tuple[GateState, np.ndarray]:
-        """Brake and hold: the torque (nv,) a horizon H ahead, M (w - v) = H (-P (e + H w) - D w).
-
-        gravity (nv,): the trusted estimate at ``state.q``. As long as nothing is measured, what it lacked
-        when the fault came stays, and w is where the arm is believed to go: braking goes on blindly, and
-        fades as it must have taken effect. An arm that is never measured again needs its brakes.
-        """
-        robot, offset = self.robot, state.offset
-        if offset is None:
-            lacking = robot.gravity(state.q) - state.unexplained - gravity
-            offset = np.clip(lacking, -self.effort, self.effort)
-        anchor = state.q if state.anchor is None else state.anchor
-        far = robot.difference(anchor, state.q)
-        e = np.clip(far, -self.slack, self.slack)
-        anchor = robot.integrate(anchor, far - e)
-        mass_matrix, ahead = robot.mass_matrix(state.q), max(dt, self.horizon)
-        implicit = mass_matrix + np.diag(ahead * self.D + ahead**2 * self.P)
-        w = np.linalg.solve(implicit, mass_matrix @ state.v - ahead * self.P * e)
-        tau = gravity + offset - self.P * (e + ahead * w) - self.D * w
-        if state.age > 0:
-            v = state.v + dt / ahead * (w - state.v)
-            return _believed(robot, state, v, dt)._replace(anchor=anchor, offset=offset), tau
-        return state._replace(anchor=anchor, offset=offset * np.exp(-dt / FADING)), tau
+    def stopped(self, state: GateState, gravity: np.ndarray, dt: float) -> tuple[GateState, np.ndarray]:
+        """The torque (nv,) after a fault; gravity (nv,): the trusted estimate at ``state.q``."""
+        fallback, tau = self.fallback, state.tau
+        hold = state.hold or fallback.begin(state.q, state.v, gravity, state.unexplained)
+        if state.fault is not None and state.fault.name in BRAKED:
+            hold = fallback.braked(hold, state.fault.message)
+        if state.age > self.max_age * (1 + ROUNDING):
+            hold = fallback.braked(hold, f"no trusted measurement for {state.age:.3g} s")
+        if hold.braking is None and state.age == 0:
+            hold, tau = fallback.held(hold, state.q, state.v, gravity, state.tau, dt)
+        if hold.braking is not None:
+            hold, tau = fallback.fading(hold, dt)
+            return state._replace(hold=hold, tau=tau), tau
+        tau = self.limited(state, tau if np.isfinite(tau).all() else state.tau, dt)
+        return state._replace(hold=hold, tau=tau), tau
 
     def _doubt(self, state: GateState, measurement: Measurement, dt: float) -> Alarm | None:
         """Why a finite sample is not to be trusted."""
@@ -276,14 +259,19 @@ class TorqueGate:
         moved = pin.difference(robot.model, state.guard.goal, goal)
         full = np.maximum(np.abs(tau), np.abs(state.tau)) >= FULL * self.effort
         guard = self.guard.step(state.guard, error, moved, goal, v, full, dt)
-        unexplained, last = state.unexplained, state.measurement
+        unexplained, last, belief = state.unexplained, state.measurement, state.belief
         elapsed = measurement.t - last.t
-        if self.barrier and state.age == 0 and 0 < elapsed < 2 * dt:
-            unexplained = self.barrier.unexplained(unexplained, last, measurement, elapsed)
-        anchor = state.anchor if state.age == 0 else None  # what was predicted blindly is no place to hold
+        if state.age == 0 and 0 < elapsed < 2 * dt:
+            needed = robot.inverse_dynamics(q, v, (v - last.v) / elapsed)
+            moved_by = pin.difference(robot.model, last.q, q)
+            belief = self.belief.step(belief, moved_by, last.v, v, tau, needed, elapsed)
+            if self.barrier:
+                unexplained = self.barrier.unexplained(unexplained, needed - tau, elapsed)
+        elif elapsed > 0:
+            belief = self.belief.init()
         state = state._replace(
-            measurement=measurement, age=0.0, suspicion="", q=q, v=v, anchor=anchor, guard=guard,
-            unexplained=unexplained, seen=state.seen + 1,
+            measurement=measurement, age=0.0, suspicion="", q=q, v=v, guard=guard, unexplained=unexplained,
+            belief=belief, seen=state.seen + 1,
         )  # fmt: skip
         if state.fault is not None:
             return state
@@ -302,15 +290,10 @@ class TorqueGate:
         if fast[i] > 0:
             said = f"{robot.joint_names[i]!r} at {v[i]:.3g} rad/s, limit {self.velocity[i]:.3g}"
             return self.latch(state, "velocity", said)
+        if (alarm := self.belief.alarm(belief)) is not None:
+            return self.latch(state, *alarm)
         alarm = self.guard.alarm(guard, error, robot)
         return self.latch(state, *alarm) if alarm else state
-
-
-def _believed(robot: Robot, state: GateState, v: np.ndarray, dt: float) -> GateState:
-    """The state with the arm dt [s] further at v (nv,), unless that is no motion of an arm."""
-    if not np.all(np.abs(v) < FASTEST):
-        return state
-    return state._replace(q=robot.integrate(state.q, dt * v), v=v)
 
 
 def checked_torque(tau: Any, nv: int) -> np.ndarray:

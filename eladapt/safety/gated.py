@@ -26,6 +26,11 @@ class GatedState(NamedTuple):
         return self.gate.fault
 
     @property
+    def brake(self) -> bool:
+        """Whether torque cannot keep the arm safe, or nothing says that it does: brakes, now."""
+        return self.gate.hold is not None and self.gate.hold.braking is not None
+
+    @property
     def measurement(self) -> Measurement:
         """The last trusted one."""
         return self.gate.measurement
@@ -102,13 +107,12 @@ class GatedController(Around):
                 error = self.robot.difference(gate.goal.q, gate.q)
                 trusted = self._parameters(inner) if self.gate.guard.quiet(gate.guard, error) else trusted
                 tau = self.gate.slowed(gate, self.gate.limited(gate, tau, dt))
-        elif gate.fault is None:
-            gate = self.gate.coast(gate, dt)
         if gate.fault is not None:
-            gate, tau = self.gate.fallback(gate, self._gravity(gate.q, trusted), dt)
-            tau = tau if np.isfinite(tau).all() else gate.tau
-        tau = self.gate.limited(gate, tau, dt)
-        return GatedState(inner, gate._replace(tau=tau), trusted), tau
+            gate, tau = self.gate.stopped(gate, self._gravity(gate.q, trusted), dt)
+        else:
+            tau = self.gate.limited(gate, tau, dt)
+            gate = gate._replace(tau=tau)
+        return GatedState(inner, gate, trusted), tau
 
     def reset(
         self, state: GatedState, measurement: Measurement | None = None, *, forget: bool = False

@@ -8,8 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_gain, require_number, require_vector
+from eladapt.gains.extremes import effort, extremes
 from eladapt.robot.model import Robot
 from eladapt.robot.reading import frame_index
+
+ROUNDING = 5e-7  # [s] of sums of steps
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,32 @@ class Noise:
     def sample(self, t: float, nv: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Errors of position and velocity, (nv,) each; t [s] is not used."""
         return self.position * rng.normal(size=nv), self.velocity * rng.normal(size=nv)
+
+
+@dataclass(frozen=True)
+class Brakes:
+    """Brakes that are closed ``closing`` [s] after they were told to, and then rub with up to ``torque`` [N m].
+
+    torque: a number or (nv,); None for the effort limits. Permanent-magnet brakes of an arm's size take 5 to
+    40 ms.
+    """
+
+    torque: float | np.ndarray | None = None
+    closing: float = 0.02
+
+    def __post_init__(self) -> None:
+        if self.torque is not None:
+            object.__setattr__(self, "torque", require_gain("torque", self.torque))
+        require_number("closing", self.closing, 0, np.finfo(float).max, closed=True)
+
+    def closed(self, told: float | None, t: float) -> bool:
+        """Whether they rub at t [s], told to close at ``told`` [s]; None: they were not."""
+        return told is not None and t >= told + self.closing - ROUNDING
+
+    def hold(self, robot: Robot) -> np.ndarray:
+        """(nv,) [N m] with which they rub."""
+        torque = effort(robot, extremes(robot)) if self.torque is None else self.torque
+        return np.broadcast_to(torque, robot.nv)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,14 @@ class _Wrapper:
     def v(self) -> np.ndarray:
         return self.plant.v
 
+    def brake(self) -> None:
+        """Tell the brakes of the arm inside to close."""
+        self.plant.brake()
+
+    def release(self) -> None:
+        """Open them."""
+        self.plant.release()
+
 
 class Encoders(_Wrapper):
     """Positions in whole counts of a turn, velocities from their filtered differences.

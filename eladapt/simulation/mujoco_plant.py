@@ -18,7 +18,7 @@ import pinocchio as pin
 from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_gain, require_number
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
-from eladapt.simulation.disturbances import Friction, Noise, Payload
+from eladapt.simulation.disturbances import Brakes, Friction, Noise, Payload
 from eladapt.simulation.plants import NoiseModel, described, holding
 
 try:
@@ -48,7 +48,7 @@ class MujocoPlant:
     as payload is a mass [kg] at the tool frame. joint_friction: whether the URDF's (or the MJCF's) damping
     and friction act; the caller's ``friction`` is added to them. Coulomb friction is MuJoCo's dry friction
     constraint, and it sticks. armature: a number or (nv,) rotor inertias [kg m^2] in place of the model's,
-    or None. seed: of the noise.
+    or None. seed: of the noise. brakes: what `brake` closes.
 
     mjcf: a path, or the text, of another's MuJoCo model of the same arm, or None. Inertias, rotors, damping,
     dry friction and gravity are then that model's; its actuators are left out, and torques act on the joints.
@@ -82,6 +82,7 @@ class MujocoPlant:
         joint_friction: bool = True,
         mjcf: str | Path | None = None,
         armature: float | Sequence[float] | np.ndarray | None = None,
+        brakes: Brakes | None = None,
     ):
         if integrator not in (None, "rk4", "implicitfast"):
             raise ArgumentError(f"integrator: expected 'rk4', 'implicitfast' or None, got {integrator!r}")
@@ -91,6 +92,7 @@ class MujocoPlant:
         self.q0 = robot.check_q(np.asarray(q0, dtype=float), "q0")
         self.v0 = np.zeros(robot.nv) if v0 is None else robot.check_v(np.asarray(v0, dtype=float), "v0")
         self.friction, self.noise = friction or Friction(), noise or Noise()
+        self.brakes = brakes or Brakes()
         self.joint_friction = joint_friction
         self.payload = Payload(float(payload)) if isinstance(payload, int | float) else payload
         self.mjcf = None if mjcf is None else str(mjcf)
@@ -103,6 +105,7 @@ class MujocoPlant:
         self._bare, self._loaded = models.bare, models.loaded
         # The same in qpos: each joint has one coordinate.
         self._addresses = self._bare.jnt_dofadr[models.joint_ids]
+        self._dry: dict[int, np.ndarray] = {}  # of the joints, by model, beside the brakes
         for model in {id(model): model for model in (self._bare, self._loaded)}.values():
             self._furnish(model)
         self._rate = self._stiffness()
@@ -115,10 +118,20 @@ class MujocoPlant:
         """Back to the initial state, with the noise from its seed; an arm at rest has been held there."""
         self._rng = np.random.default_rng(self.seed)
         self.t, self.q, self.v = 0.0, self.q0.copy(), self.v0.copy()
+        self._told: float | None = None  # [s] when to brake
         self.tau = holding(self.robot, self.bias(self.q0, self.v0), self.v0)
         self._x = self.robot.coordinates(self.q0)
         self._model_now, self._data = self._bare, mujoco.MjData(self._bare)
         return self._measure()
+
+    def brake(self) -> None:
+        """Tell the brakes to close; they stay closed until `release` or `reset`."""
+        if self._told is None:
+            self._told, self._hold = self.t, self.brakes.hold(self.robot)
+
+    def release(self) -> None:
+        """Open the brakes."""
+        self._told = None
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """Hold the torque tau (nv,) [N m] for dt [s]."""
@@ -131,6 +144,8 @@ class MujocoPlant:
         data, h = self._data, dt / substeps
         model.opt.timestep = h
         model.dof_solref[:] = (-1.0, -1.0 / h)  # friction asks for v = 0 at the end of the substep
+        held = self._hold if self.brakes.closed(self._told, self.t) else 0.0
+        model.dof_frictionloss[self._addresses] = self._dry[id(model)] + held
         data.qpos[self._addresses], data.qvel[self._addresses] = self._x, self.v
         data.qfrc_applied[self._addresses] = tau
         # mj_step would do the same and write its warnings to a file in the working folder.
@@ -206,5 +221,7 @@ class MujocoPlant:
             model.dof_armature[at] = self.armature
             mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from it
         model.dof_damping[at] = self.joint_friction * model.dof_damping[at] + self.friction.viscous
-        model.dof_frictionloss[at] = self.joint_friction * model.dof_frictionloss[at] + self.friction.coulomb
+        dry = self.joint_friction * model.dof_frictionloss[at] + self.friction.coulomb
+        self._dry[id(model)] = dry
+        model.dof_frictionloss[at] = dry
         model.dof_solimp[:] = HARD

@@ -11,7 +11,7 @@ import pinocchio as pin
 from eladapt.errors import ArgumentError, SimulationError, require_number
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
-from eladapt.simulation.disturbances import Friction, Noise, Payload
+from eladapt.simulation.disturbances import Brakes, Friction, Noise, Payload
 
 ACTIVE_SETS = 20  # 2 to 6 are typical
 FRICTION_SWEEPS = 2000  # only where the active sets go round
@@ -30,7 +30,7 @@ class PinocchioPlant:
     q0 (nq,), v0 (nv,) or None for rest. friction, noise, payload: as in `disturbances`; a bare
     number as payload is a mass [kg] at the tool frame. integrator: "rk4" with ``substeps`` per
     step, Coulomb friction solved implicitly so that it sticks; or "euler", explicit with
-    sign(v) for friction, which is how the paper simulates. seed: of the noise.
+    sign(v) for friction, which is how the paper simulates. seed: of the noise. brakes: what `brake` closes.
 
     `t`, `q` and `v` are the true state. Raises SimulationError when the state is not finite.
     """
@@ -49,6 +49,7 @@ class PinocchioPlant:
         *,
         substeps: int = 2,
         seed: int = 0,
+        brakes: Brakes | None = None,
     ):
         if integrator not in ("rk4", "euler"):
             raise ArgumentError(f"integrator: expected 'rk4' or 'euler', got {integrator!r}")
@@ -58,6 +59,7 @@ class PinocchioPlant:
         self.q0 = robot.check_q(np.asarray(q0, dtype=float), "q0")
         self.v0 = np.zeros(robot.nv) if v0 is None else robot.check_v(np.asarray(v0, dtype=float), "v0")
         self.friction, self.noise = friction or Friction(), noise or Noise()
+        self.brakes = brakes or Brakes()
         self.payload = Payload(float(payload)) if isinstance(payload, int | float) else payload
         self._loaded = robot.model if self.payload is None else self.payload.loaded(robot)
         self._data = robot.model.createData()
@@ -75,10 +77,20 @@ class PinocchioPlant:
         """Back to the initial state, with the noise from its seed; an arm at rest has been held there."""
         self._rng = np.random.default_rng(self.seed)
         self._step, self.t, self.q, self.v = 0, 0.0, self.q0.copy(), self.v0.copy()
+        self._told: float | None = None  # [s] when to brake
         model = self._loaded if self.payload and self.payload.held(0.0) else self.robot.model
         gravity = pin.computeGeneralizedGravity(model, model.createData(), self.q0)
         self.tau = holding(self.robot, gravity, self.v0)
         return self._measure()
+
+    def brake(self) -> None:
+        """Tell the brakes to close; they stay closed until `release` or `reset`."""
+        if self._told is None:
+            self._told, self._hold = self.t, self.brakes.hold(self.robot)
+
+    def release(self) -> None:
+        """Open the brakes."""
+        self._told = None
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """Hold the torque tau (nv,) [N m] for dt [s]."""
@@ -86,11 +98,12 @@ class PinocchioPlant:
         dt = require_number("dt", dt, 0)
         model = self._loaded if self.payload and self.payload.held(self.t) else self.robot.model
         with np.errstate(over="ignore", invalid="ignore"):
+            dry = self._dry_friction()
             if self.integrator == "euler":
-                self._euler(model, tau, dt)
+                self._euler(model, tau, dry, dt)
             else:
                 for _ in range(self.substeps):
-                    self._runge_kutta(model, tau, dt / self.substeps)
+                    self._runge_kutta(model, tau, dry, dt / self.substeps)
         self._step += 1
         self.t, self.tau = self.t + dt, tau.copy()
         if not (np.isfinite(self.q).all() and np.isfinite(self.v).all()):
@@ -106,14 +119,19 @@ class PinocchioPlant:
     def _acceleration(self, model: pin.Model, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         return np.array(pin.aba(model, self._data, q, v, tau))
 
-    def _euler(self, model: pin.Model, tau: np.ndarray, dt: float) -> None:
-        lost = self.friction.viscous * self.v + self.friction.coulomb * np.sign(self.v)
+    def _dry_friction(self) -> np.ndarray:
+        """(nv,) [N m] of joints and closed brakes."""
+        rubbing = np.broadcast_to(self.friction.coulomb, self.robot.nv)
+        return rubbing + self._hold if self.brakes.closed(self._told, self.t) else rubbing
+
+    def _euler(self, model: pin.Model, tau: np.ndarray, dry: np.ndarray, dt: float) -> None:
+        lost = self.friction.viscous * self.v + dry * np.sign(self.v)
         acceleration = self._acceleration(model, self.q, self.v, tau - lost)
         self.q = pin.integrate(model, self.q, dt * self.v)
         self.v = self.v + dt * acceleration
 
-    def _runge_kutta(self, model: pin.Model, tau: np.ndarray, h: float) -> None:
-        net = tau - self._implicit_coulomb(model, tau, h) if np.any(self.friction.coulomb) else tau
+    def _runge_kutta(self, model: pin.Model, tau: np.ndarray, dry: np.ndarray, h: float) -> None:
+        net = tau - self._implicit_coulomb(model, tau, dry, h) if dry.any() else tau
 
         def rate(moved: np.ndarray, v: np.ndarray) -> np.ndarray:
             q = pin.integrate(model, self.q, moved)
@@ -130,10 +148,9 @@ class PinocchioPlant:
         self.q = pin.integrate(model, self.q, h / 6 * (v1 + 2 * v2 + 2 * v3 + v4))
         self.v = self.v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
-    def _implicit_coulomb(self, model: pin.Model, tau: np.ndarray, h: float) -> np.ndarray:
-        """Friction torques f (nv,) for the substep: |f_i| <= coulomb_i, f_i = coulomb_i sign(v_i+) where
+    def _implicit_coulomb(self, model: pin.Model, tau: np.ndarray, bound: np.ndarray, h: float) -> np.ndarray:
+        """Friction torques f (nv,) for the substep: |f_i| <= bound_i, f_i = bound_i sign(v_i+) where
         v+ = free velocity - h M^-1 f does not vanish."""
-        bound = np.broadcast_to(self.friction.coulomb, (self.robot.nv,))
         lost = self.friction.viscous * self.v
         free = self.v + h * self._acceleration(model, self.q, self.v, tau - lost)
         size = self.robot.nv

@@ -57,6 +57,8 @@ def simulate(
             recorder.add(measurement.t, plant.q, plant.v, tau, reference, state)
             if observer is not None:
                 observer(measurement.t, plant.q, reference.q, state)
+            if getattr(state, "brake", False):
+                plant.brake()
             if k < steps:
                 measurement = plant.step(tau, dt)
     except EladaptError as reason:
