@@ -121,12 +121,12 @@ def require_vector(name: str, value: Any, size: int) -> np.ndarray:
 
 
 def require_gain(name: str, value: Any, size: int | None = None, *, zero: bool = False) -> np.ndarray:
-    """A positive (or, with ``zero``, non-negative) gain: a scalar or (size,) diagonal, as an array.
+    """A positive (or, with ``zero``, non-negative) gain: a scalar or (size,) diagonal, as an own array.
 
     A (size, size) diagonal matrix is accepted and its diagonal returned.
     """
     try:
-        gain = np.asarray(value, dtype=float)
+        gain = np.array(value, dtype=float)
     except (TypeError, ValueError) as reason:
         raise ArgumentError(f"{name}: expected a number or a vector, got {value!r} ({reason})") from None
     if gain.ndim == 2 and gain.shape[0] == gain.shape[1]:

@@ -19,6 +19,10 @@ class Measurement(NamedTuple):
     v: np.ndarray  # (nv,) [rad/s or m/s]
     tau: np.ndarray  # (nv,) [N m or N]
 
+    def copy(self) -> Measurement:
+        """The same numbers in arrays of its own."""
+        return Measurement(self.t, self.q.copy(), self.v.copy(), self.tau.copy())
+
 
 class Reference(NamedTuple):
     """Where the robot should be, and how it should move there: a goal that moves.
@@ -29,6 +33,10 @@ class Reference(NamedTuple):
     q: np.ndarray  # (nq,)
     v: np.ndarray  # (nv,) [rad/s or m/s]
     a: np.ndarray  # (nv,) [rad/s^2 or m/s^2]
+
+    def copy(self) -> Reference:
+        """The same numbers in arrays of its own."""
+        return Reference(self.q.copy(), self.v.copy(), self.a.copy())
 
 
 class Regression(NamedTuple):

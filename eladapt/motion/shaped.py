@@ -148,8 +148,8 @@ class Shaped(Around):
     def init(self, measurement: Measurement, theta0: Any = None) -> ShapedState:
         """The reference where the arm is, as fast as it is within the limits; theta0 as the controller takes
         it."""
-        given = () if theta0 is None else (theta0,)
-        return self.around(self.controller.init(measurement, *given), measurement)
+        given, here = () if theta0 is None else (theta0,), self._here(measurement)
+        return ShapedState(self.controller.init(measurement, *given), here, measurement.t)
 
     def around(self, inner: Any, measurement: Measurement) -> ShapedState:
         """The state that begins here with a state of the controller."""

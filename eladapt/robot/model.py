@@ -130,7 +130,7 @@ class Robot:
         if tool is not None:
             frame_index(model, tool)
         neutral = pin.difference(model, pin.neutral(model), clipped_neutral(model))
-        home = neutral if home is None else require_vector("home", home, model.nv)
+        home = neutral if home is None else np.array(require_vector("home", home, model.nv))
         robot = cls(
             model=model,
             name=name or model.name,
@@ -142,7 +142,7 @@ class Robot:
             published=published_limits(published or {}, model.nv),
             mend=mend,
             home=home,
-            target=home if target is None else require_vector("target", target, model.nv),
+            target=np.array(home if target is None else require_vector("target", target, model.nv)),
         )
         robot._warn_of_units()
         return robot
@@ -334,7 +334,8 @@ class Robot:
         return require_vector(name, v, self.nv)
 
     def check_goal(self, goal: np.ndarray | Reference) -> Reference:
-        """A goal q_d (nq,), at rest, or a `Reference`, as a reference of finite vectors of this robot's size.
+        """A goal q_d (nq,), at rest, or a `Reference`, as a reference of finite vectors of this robot's size
+        that are its own, so that whoever asked may go on writing to theirs.
 
         Raises ArgumentError, naming what is wrong: a shape, a number that is not finite, a continuous joint
         whose (cos, sin) is off the unit circle.
@@ -342,8 +343,8 @@ class Robot:
         if isinstance(goal, Reference):
             q, v, a = goal
             q = self.check_q(q, "goal.q")
-            return Reference(q, self.check_v(v, "goal.v"), self.check_v(a, "goal.a"))
-        return Reference(self.check_q(goal, "goal"), self.still, self.still)
+            return Reference(q, self.check_v(v, "goal.v"), self.check_v(a, "goal.a")).copy()
+        return Reference(self.check_q(goal, "goal").copy(), self.still, self.still)
 
     @functools.cached_property
     def still(self) -> np.ndarray:

@@ -108,7 +108,7 @@ class GatedController(Around):
             gate, tau = self.gate.fallback(gate, self._gravity(gate.q, trusted), dt)
             tau = tau if np.isfinite(tau).all() else gate.tau
         tau = self.gate.limited(gate, tau, dt)
-        return GatedState(inner, gate._replace(tau=tau), trusted), tau
+        return GatedState(inner, gate._replace(tau=tau), trusted), tau.copy()
 
     def reset(
         self, state: GatedState, measurement: Measurement | None = None, *, forget: bool = False
@@ -127,7 +127,7 @@ class GatedController(Around):
 
     def _begun(self, gate: GateState, theta0: Any) -> GatedState:
         given = () if theta0 is None else (theta0,)
-        inner = self.controller.init(gate.measurement, *given)
+        inner = self.controller.init(gate.measurement.copy(), *given)
         return GatedState(inner, gate, self._parameters(inner))
 
     def _parameters(self, inner: Any) -> np.ndarray:
@@ -137,7 +137,7 @@ class GatedController(Around):
     def _stepped(self, inner: Any, gate: GateState, dt: float) -> tuple[Any, np.ndarray, GateState]:
         """The controller's own step; whatever it raises is a fault, not a crash with an arm in the air."""
         try:
-            inner, tau = self.controller.step(inner, gate.measurement, handed_on(gate.goal), dt)
+            inner, tau = self.controller.step(inner, gate.measurement.copy(), handed_on(gate.goal), dt)
         except Exception as reason:
             return inner, gate.tau, self.gate.latch(gate, "controller", f"{type(reason).__name__}: {reason}")
         try:
