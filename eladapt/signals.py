@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+
+# Arrays whose type says how long they are, by the robot.
+Configuration = Annotated[np.ndarray, "nq"]
+JointVector = Annotated[np.ndarray, "nv"]
 
 
 class Measurement(NamedTuple):

@@ -22,7 +22,7 @@ from eladapt.robot.model import Robot
 from eladapt.robot.protocols import Goal
 from eladapt.safety.barrier import Barrier
 from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
-from eladapt.signals import Measurement, Reference
+from eladapt.signals import Configuration, JointVector, Measurement, Reference
 
 FAULTS = (
     "measurement", "watchdog", "frozen", "jump", "goal", "velocity", "joint limit", "error growth",
@@ -62,8 +62,8 @@ class GateState(NamedTuple):
     guard: GuardState
     seen: int = 0  # trusted samples judged since `init`
     fault: Fault | None = None
-    anchor: np.ndarray | None = None  # (nq,) where the fallback holds the arm
-    offset: np.ndarray | None = None  # (nv,) [N m] what the trusted gravity estimate had lacked, fading
+    anchor: Configuration | None = None  # (nq,) where the fallback holds the arm
+    offset: JointVector | None = None  # (nv,) [N m] what the trusted gravity estimate had lacked, fading
 
 
 @dataclass(frozen=True, eq=False)
