@@ -87,8 +87,29 @@ class LoopError(HardwareError):
         super().__init__(message)
 
 
+class LoopTerminated(SystemExit):
+    """A signal asked the process to end while a loop ran, and the robot was stopped first.
+
+    Unless it is caught it ends the process, with the status that a shell gives for the signal. ``record``,
+    ``state`` and ``timing`` hold all that happened until then. It is no `EladaptError`, so that who catches
+    those and tries again does not go on.
+    """
+
+    def __init__(self, signal: int, record: Any = None, state: Any = None, timing: Any = None):
+        self.signal, self.record, self.state, self.timing = signal, record, state, timing
+        super().__init__(128 + signal)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        kept = (self.signal, self.record, self.state, self.timing)
+        return type(self), kept  # as pickled between processes
+
+
 class StateError(EladaptError):
     """A file that is not the saved state of this controller, or a damaged one."""
+
+
+class BookkeepingWarning(UserWarning):
+    """Something beside the control of a moving robot failed, as a checkpoint; the robot is controlled on."""
 
 
 class MendedWarning(UserWarning):
@@ -121,12 +142,12 @@ def require_vector(name: str, value: Any, size: int) -> np.ndarray:
 
 
 def require_gain(name: str, value: Any, size: int | None = None, *, zero: bool = False) -> np.ndarray:
-    """A positive (or, with ``zero``, non-negative) gain: a scalar or (size,) diagonal, as an array.
+    """A positive (or, with ``zero``, non-negative) gain: a scalar or (size,) diagonal, as an own array.
 
     A (size, size) diagonal matrix is accepted and its diagonal returned.
     """
     try:
-        gain = np.asarray(value, dtype=float)
+        gain = np.array(value, dtype=float)
     except (TypeError, ValueError) as reason:
         raise ArgumentError(f"{name}: expected a number or a vector, got {value!r} ({reason})") from None
     if gain.ndim == 2 and gain.shape[0] == gain.shape[1]:

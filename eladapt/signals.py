@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+
+# Arrays whose type says how long they are, by the robot.
+Configuration = Annotated[np.ndarray, "nq"]
+JointVector = Annotated[np.ndarray, "nv"]
 
 
 class Measurement(NamedTuple):
@@ -19,6 +23,10 @@ class Measurement(NamedTuple):
     v: np.ndarray  # (nv,) [rad/s or m/s]
     tau: np.ndarray  # (nv,) [N m or N]
 
+    def copy(self) -> Measurement:
+        """The same numbers in arrays of its own."""
+        return Measurement(self.t, self.q.copy(), self.v.copy(), self.tau.copy())
+
 
 class Reference(NamedTuple):
     """Where the robot should be, and how it should move there: a goal that moves.
@@ -29,6 +37,10 @@ class Reference(NamedTuple):
     q: np.ndarray  # (nq,)
     v: np.ndarray  # (nv,) [rad/s or m/s]
     a: np.ndarray  # (nv,) [rad/s^2 or m/s^2]
+
+    def copy(self) -> Reference:
+        """The same numbers in arrays of its own."""
+        return Reference(self.q.copy(), self.v.copy(), self.a.copy())
 
 
 class Regression(NamedTuple):

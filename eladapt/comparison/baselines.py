@@ -54,13 +54,13 @@ class KnownGravityPD(Unrecorded):
 
     def init(self, measurement: Measurement, theta0: object = None) -> KnownGravityState:
         """Nothing to estimate, wherever it should start."""
-        return KnownGravityState(measurement)
+        return KnownGravityState(self.robot.check_measurement(measurement))
 
     def step(
         self, state: KnownGravityState, measurement: Measurement, goal: Goal, dt: float
     ) -> tuple[KnownGravityState, np.ndarray]:
         """The torque (nv,) to hold for dt [s], within the effort limits; of a goal that moves, to q_d."""
-        self.robot.check_measurement(measurement)
+        measurement = self.robot.check_measurement(measurement)
         _, q, v, _ = measurement
         e1 = self.robot.difference(self.robot.check_goal(goal).q, q)
         tau = self.control.torque(e1, v, self.robot.mass_matrix(q), dt) + self.robot.gravity(q)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eladapt.estimation.change import Change
-from eladapt.signals import Measurement, Regression
+from eladapt.signals import JointVector, Measurement, Regression
 
 UNKNOWN = np.zeros(0)
 
@@ -22,9 +22,9 @@ class ControllerState(NamedTuple):
     regression: Regression
     information: Any  # of the extension block
     change: Change | None = None  # what the detector noticed
-    disturbance: np.ndarray | None = None  # (nv,) [N m] what neither theta nor the control law explains
+    disturbance: JointVector | None = None  # (nv,) [N m] what neither theta nor the control law explains
     noise: np.ndarray = UNKNOWN  # (m,) mean square of what theta leaves of each row of the regression
-    inertia: np.ndarray | None = None  # (nv,) [kg m^2] of the joints, when the information last began afresh
+    inertia: JointVector | None = None  # (nv,) [kg m^2] of the joints, when the information last began afresh
 
     @property
     def theta(self) -> np.ndarray:

@@ -12,14 +12,15 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eladapt.errors import ArgumentError, EladaptError, LoopError, require_number
+from eladapt.errors import ArgumentError, EladaptError, LoopError, LoopTerminated, require_number
+from eladapt.hardware.bookkeeping import Bookkeeping
+from eladapt.hardware.interruption import Interruption
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.motion.limits import MotionLimits
 from eladapt.motion.motions import require_holdable, require_within
 from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
-from eladapt.records.recorder import Recorder
-from eladapt.records.state_file import StateWriter, on_clock
+from eladapt.records.state_file import on_clock
 from eladapt.robot.model import Robot
 from eladapt.robot.protocols import BareController, Goal, GoalCourse
 from eladapt.signals import Measurement, Reference
@@ -52,6 +53,7 @@ class LoopResult(NamedTuple):
     timing: Timing
     ended: str  # "duration", "fault" or "interrupted"
     fault: Any = None  # the gate's, if there is one
+    unkept: tuple[str, ...] = ()  # what failed in keeping samples and checkpoints, one text each
 
 
 def run_loop(
@@ -76,14 +78,21 @@ def run_loop(
     returns either. state: of an earlier run, to go on with what it had learned, also if the robot's clock was
     set since; None begins afresh. When a gate latches a fault, its fallback goes on for ``after_fault`` [s].
     checkpoint: a file to which the state is saved every ``every`` [s] and at the end, for `load_state`; a
-    write takes a millisecond or two. priority: see `undisturbed`. shaped: whether the goal becomes a
+    write takes a millisecond or two. It is tried before the robot starts; a write that fails later is warned
+    of, once, and the loop goes on. priority: see `undisturbed`. shaped: whether the goal becomes a
     reference within ``limits`` (None: `MotionLimits.for_robot`), so that a set-point that jumps makes the arm
     move smoothly, see `Shaped`; the state is that of the controller inside.
 
-    The interface's `stop` is called however the loop ends. Raises LoopError, with record, state and timing so
-    far, for whatever the robot, the goal or the controller raises, and ArgumentError, before anything moves,
-    for a set-point beyond the joint limits or that the effort limits cannot hold; an interrupt from the
-    keyboard ends the loop as the end of ``duration`` does.
+    The interface's `stop` is called however the loop ends, and no signal cuts it short. Ctrl-C ends the loop
+    as the end of ``duration`` does; a second one, where `read` or `write` hangs, at once. So do SIGTERM and
+    SIGHUP, after which the process ends: `LoopTerminated`, a SystemExit that carries the record, is raised,
+    or the handler called that was there before. (This is so in the main thread, the only one that signals
+    reach.)
+
+    Raises LoopError, with record, state and timing so far, for whatever the robot, the goal or the controller
+    raises. Before the robot starts: StateError for a checkpoint that cannot be written, and ArgumentError for
+    one that cannot be named so, for a set-point beyond the joint limits or one that the effort limits cannot
+    hold.
     """
     dt = require_number("dt", dt, 0)
     steps = round(require_number("duration", duration, 0) / dt)
@@ -93,41 +102,30 @@ def run_loop(
         raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
     _require_reachable(controller.robot, goal)
     shaping = Shaped(controller, limits) if shaped and not isinstance(controller, Shaped) else None
-    loop = _Loop(controller, shaping, interface, goal, dt, steps, title)
-    writer = StateWriter(controller) if checkpoint else None
-    _warm_up(shaping or controller, dt)
-    ended, cause = "duration", None
-    with undisturbed(priority):
-        try:
-            try:
-                interface.start()
-                loop.begin(state)
-                left = steps
-                saved = 0
-                while loop.pacer.ticks + loop.pacer.missed < steps and left > 0:
-                    fault = loop.tick()
-                    if writer and checkpoint and loop.pacer.ticks - saved >= every / dt:
-                        writer.write(checkpoint, loop.state)
-                        saved = loop.pacer.ticks
-                    loop.pacer.wait()
-                    if fault is not None:
-                        ended, left = "fault", min(left, round(after_fault / dt) + 1) - 1
-            finally:
-                interface.stop()
-        except KeyboardInterrupt:
+    after_fault = require_number("after_fault", after_fault, 0, closed=True)
+    warm = _warm_up(controller, shaping, dt)
+    books = Bookkeeping(controller, dt, steps + 1, title, warm if state is None else state, checkpoint, every)
+    loop = _Loop(controller, shaping, interface, goal, dt, steps, books)
+    with Interruption() as interruption:
+        with undisturbed(priority):
+            ended, cause = _driven(loop, state, after_fault, interruption)
+        books.save(loop.state)
+        timing, record = loop.pacer.timing(), books.record()
+        if interruption.signals and ended == "duration":
             ended = "interrupted"
-        except Exception as reason:
-            cause = reason
-    if writer and checkpoint and loop.state is not None:
-        writer.write(checkpoint, loop.state)
-    timing = loop.pacer.timing()
+    interruption.hand_on()
+    ending = interruption.ending
     if cause is not None:
-        done = f"{timing.ticks} of {steps} steps"
+        done = f"{timing.ticks} of {steps} steps{f' and {ending.name}' if ending else ''}"
         message = f"the loop ended after {done}: {type(cause).__name__}: {cause}"
-        raise LoopError(message, loop.record(), loop.state, timing) from cause
-    if (record := loop.record()) is None:
-        raise LoopError("the loop was interrupted before its first step", None, loop.state, timing)
-    return LoopResult(record, loop.state, timing, ended, getattr(loop.state, "fault", None))
+        raise LoopError(message, record, loop.state, timing) from cause
+    if ending is not None:
+        raise LoopTerminated(ending, record, loop.state, timing)
+    if record is None:
+        message = books.failures.get("record", "the loop was interrupted before its first step")
+        raise LoopError(message, None, loop.state, timing)
+    fault, unkept = getattr(loop.state, "fault", None), tuple(books.failures.values())
+    return LoopResult(record, loop.state, timing, ended, fault, unkept)
 
 
 class _Loop:
@@ -141,16 +139,29 @@ class _Loop:
         goal: GoalCourse,
         dt: float,
         steps: int,
-        title: str,
+        books: Bookkeeping,
     ):
         self.robot = controller.robot
-        self.controller, self.shaping, self.interface, self.dt = controller, shaping, interface, dt
+        self.controller, self.shaping, self.interface, self.books = controller, shaping, interface, books
+        self.dt, self.steps = dt, steps
         self.goal_at: Callable[[float], Goal] = goal if callable(goal) else (lambda _t: goal)
         self.pacer = Pacer(dt, steps + 1)
-        self.recorder = Recorder(self.robot, controller, dt, steps + 1, title)
         self.state: Any = None  # the controller's
         self.reference: Any = None  # the shaping's state, where there is one
         self.began = 0.0  # [s] by the robot's clock
+
+    def run(self, state: Any, after_fault: float, interruption: Interruption) -> str:
+        """All ticks, from a state or afresh; returns how they ended."""
+        self.begin(state)
+        ended, left = "duration", self.steps
+        while self.pacer.ticks + self.pacer.missed < self.steps and left > 0:
+            if interruption.signals:
+                return "interrupted"
+            fault = self.tick()
+            self.pacer.wait()
+            if fault is not None:
+                ended, left = "fault", min(left, round(after_fault / self.dt) + 1) - 1
+        return ended
 
     def begin(self, state: Any) -> None:
         """The first measurement, and a state at it."""
@@ -159,7 +170,6 @@ class _Loop:
         self.state = self.controller.init(first) if state is None else self._resumed(state, first)
         if self.shaping:
             self.reference = self.shaping.around(self.state, first)
-        self.recorder.reserve(self.state)
         self.pacer.restart()
 
     def _resumed(self, state: Any, first: Measurement) -> Any:
@@ -175,21 +185,43 @@ class _Loop:
         measurement = self.interface.read()
         self.pacer.began(time.monotonic() - before)
         goal = self.goal_at(_number(getattr(measurement, "t", None)) - self.began)
+        seen = self._seen(measurement)  # now: the driver may use its buffers again
         if self.shaping:
             self.reference, tau = self.shaping.step(self.reference, measurement, goal, self.dt)
             self.state = self.reference.inner
         else:
             self.state, tau = self.controller.step(self.state, measurement, goal, self.dt)
-        self.interface.write(tau)
-        nq, nv = self.robot.nq, self.robot.nv
-        q, v = (_vector(getattr(measurement, n, None), size) for n, size in (("q", nq), ("v", nv)))
-        t = _number(getattr(measurement, "t", None))
-        self.recorder.add(t, q, v, tau, _reference(goal, self.robot), self.state)
+        sent = np.array(tau, dtype=float)
+        self.interface.write(sent.copy())
+        self.books.keep(*seen, sent, _reference(goal, self.robot), self.state, self.pacer.ticks + 1)
         return getattr(self.state, "fault", None)
 
-    def record(self) -> Record | None:
-        """All that was kept so far."""
-        return self.recorder.record() if self.recorder.count else None
+    def _seen(self, measurement: Any) -> tuple[float, np.ndarray, np.ndarray]:
+        """t, q and v as the record shows them."""
+        nq, nv = self.robot.nq, self.robot.nv
+        q, v = (_vector(getattr(measurement, n, None), size) for n, size in (("q", nq), ("v", nv)))
+        return _number(getattr(measurement, "t", None)), q, v
+
+
+def _driven(
+    loop: _Loop, state: Any, after_fault: float, interruption: Interruption
+) -> tuple[str, Exception | None]:
+    """How the loop ended, and what it failed with, if it did; the robot is stopped."""
+    try:
+        try:
+            try:
+                with interruption.impatient():
+                    loop.interface.start()
+                ended = loop.run(state, after_fault, interruption)
+            finally:
+                interruption.settle()
+        finally:  # its own, since a signal may raise just before it is settled
+            loop.interface.stop()
+    except KeyboardInterrupt:
+        return "interrupted", None
+    except Exception as reason:
+        return "failure", reason
+    return ended, None
 
 
 def _require_reachable(robot: Robot, goal: GoalCourse) -> None:
@@ -206,17 +238,19 @@ def _require_reachable(robot: Robot, goal: GoalCourse) -> None:
         require_holdable(robot, q, "goal")
 
 
-def _warm_up(controller: BareController, dt: float) -> None:
-    """A few steps at home that nobody sees."""
+def _warm_up(controller: BareController, shaping: Shaped | None, dt: float) -> Any:
+    """A few steps at home that nobody sees; the controller's state after them, None if it refuses."""
+    stepped: BareController = shaping or controller
     robot = controller.robot
     q, zero = robot.configuration(robot.home), np.zeros(robot.nv)
     measurement = Measurement(0.0, q, zero, zero)
     try:
-        state = controller.init(measurement)
+        state = stepped.init(measurement)
         for k in range(WARM_UP):
-            state, _ = controller.step(state, measurement._replace(t=k * dt), q, dt)
+            state, _ = stepped.step(state, measurement._replace(t=k * dt), q, dt)
     except EladaptError:
-        return  # it will be said where it matters, with the robot's own measurement
+        return None  # it will be said where it matters, with the robot's own measurement
+    return state.inner if shaping else state
 
 
 def _number(value: Any) -> float:
@@ -236,7 +270,7 @@ def _reference(goal: Any, robot: Robot) -> Reference:
 def _vector(value: Any, size: int) -> np.ndarray:
     """What a record shows of a vector that may be anything."""
     try:
-        vector = np.asarray(value, dtype=float)
+        vector = np.array(value, dtype=float)
     except (TypeError, ValueError):
         return np.full(size, np.nan)
     return vector if vector.shape == (size,) else np.full(size, np.nan)

@@ -96,7 +96,7 @@ class UdpRobot:
         until = time.monotonic() + self.patience
         while not self._drain() and (left := until - time.monotonic()) > 0:
             self._wait(left)
-        return self._last
+        return self._last.copy()
 
     def write(self, tau: np.ndarray) -> None:
         """Send a torque (nv,)."""

@@ -14,12 +14,21 @@ from eladapt.compiling import SCALAR, VECTOR, VIEW, kernel, prepare
 from eladapt.errors import ArgumentError, require_number
 from eladapt.motion.limits import MotionLimits
 from eladapt.robot.protocols import Around, BareController, Goal, handed_on
+from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 
 INSIDE = 0.01  # [rad or m] of a joint limit: what a gate that looks ahead leaves to stop in
 EXACT = 1 + 1e-6  # of the limits by a goal that is planned to the limits and rounded
 NEAR = 1e-3  # [rad or m] from where the arm is seen, a first goal is where it begins
 USABLE = 0.99  # of the limits by a goal that is to be caught
+
+
+class _Planning(NamedTuple):
+    """The planner and what it writes to; nothing is remembered from call to call."""
+
+    problem: InputParameter
+    trajectory: Trajectory
+    planner: Ruckig
 
 
 class _Frame(NamedTuple):
@@ -30,9 +39,7 @@ class _Frame(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     limits: tuple[np.ndarray, np.ndarray, np.ndarray]
-    problem: InputParameter
-    trajectory: Trajectory
-    planner: Ruckig
+    planning: Scratch[_Planning]
 
 
 @kernel(VECTOR, VIEW, VIEW, VIEW, VIEW, VECTOR, VECTOR, VECTOR, SCALAR)
@@ -146,8 +153,8 @@ class Shaped(Around):
     def init(self, measurement: Measurement, theta0: Any = None) -> ShapedState:
         """The reference where the arm is, as fast as it is within the limits; theta0 as the controller takes
         it."""
-        given = () if theta0 is None else (theta0,)
-        return self.around(self.controller.init(measurement, *given), measurement)
+        given, here = () if theta0 is None else (theta0,), self._here(measurement)
+        return ShapedState(self.controller.init(measurement, *given), here, measurement.t)
 
     def around(self, inner: Any, measurement: Measurement) -> ShapedState:
         """The state that begins here with a state of the controller."""
@@ -199,7 +206,7 @@ class Shaped(Around):
         """The first step of the fastest way to a goal that is ``way`` (nv,) off and goes on as it moves; None
         where the planner finds no way."""
         frame = self._frame
-        problem, trajectory = frame.problem, frame.trajectory
+        problem, trajectory, planner = frame.planning.own
         (
             problem.current_position, problem.current_velocity, problem.current_acceleration,
             problem.min_velocity, problem.max_velocity, problem.min_acceleration, problem.max_acceleration,
@@ -207,7 +214,7 @@ class Shaped(Around):
         for together in (Synchronization.Time, Synchronization.No):
             problem.synchronization = together
             try:  # some states in the midst of reversals cannot arrive together
-                frame.planner.calculate(problem, trajectory)
+                planner.calculate(problem, trajectory)
             except (RuckigError, ValueError):
                 continue
             left, v, a = np.array(trajectory.at_time(dt))
@@ -222,14 +229,12 @@ class Shaped(Around):
 
     @functools.cached_property
     def _frame(self) -> _Frame:
-        """What stays the same from step to step, and memory of the planner, which holds nothing."""
+        """What stays the same from step to step."""
         robot, limits = self.robot, cast(MotionLimits, self.limits)
-        problem = InputParameter(robot.nv)
-        problem.max_jerk = limits.jerk
         return _Frame(
             np.zeros(robot.nv), pin.neutral(robot.model), robot.lower, robot.upper,
             (limits.velocity, limits.acceleration, limits.jerk),
-            problem, Trajectory(robot.nv), Ruckig(robot.nv),
+            Scratch(functools.partial(_planning, limits.jerk)),
         )  # fmt: skip
 
     def _here(self, measurement: Measurement) -> Reference:
@@ -247,3 +252,10 @@ class Shaped(Around):
             return self._here(measurement)
         except (ArgumentError, TypeError, ValueError, OverflowError):
             return None
+
+
+def _planning(jerk: np.ndarray) -> _Planning:
+    """For joints with these jerk limits (nv,)."""
+    problem = InputParameter(len(jerk))
+    problem.max_jerk = jerk
+    return _Planning(problem, Trajectory(len(jerk)), Ruckig(len(jerk)))

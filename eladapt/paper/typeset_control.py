@@ -83,6 +83,7 @@ class TypesetComposite:
 
     def init(self, measurement: Measurement, theta0: str | np.ndarray | None = None) -> TypesetState:
         """Filters at rest. theta0: "urdf", "zero" (also None), (j,), or (l,) for its last block."""
+        measurement = self.robot.check_measurement(measurement)
         j = self.regressors.n_potential
         theta = starting_parameters(theta0, self.regressors)[len(self.regressors) - j :]
         filters = self.regression.init(measurement)
@@ -97,6 +98,7 @@ class TypesetComposite:
         self, state: TypesetState, measurement: Measurement, goal: Goal, dt: float
     ) -> tuple[TypesetState, np.ndarray]:
         """All states at ``measurement`` from those one dt [s] earlier, and the torque (278) there, to q_d."""
+        measurement = self.robot.check_measurement(measurement)
         e1 = self.robot.difference(self.robot.check_goal(goal).q, measurement.q)
         psi = self.regressors.gravity(measurement.q)
         if measurement.t > state.measurement.t:

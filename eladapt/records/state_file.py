@@ -8,22 +8,28 @@ is a file that was cut short or changed.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import importlib.metadata
 import io
 import json
+import os
 import sys
+import tempfile
 import tokenize
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eladapt.errors import ArgumentError, StateError
+from eladapt.errors import ArgumentError, EladaptError, StateError
 from eladapt.files import atomic_write
 from eladapt.records.description import identity
+from eladapt.records.state_check import require_state_of
+from eladapt.robot.protocols import BareController
 
 FORMAT = 2
 SHOWN = 4  # differences named in a message
@@ -38,9 +44,25 @@ class StateWriter:
 
     def write(self, path: str | Path, state: Any) -> Path:
         """See `save_state`."""
-        path = Path(path)
-        if path.suffix != ".npz":
-            raise ArgumentError(f"path: expected a name that ends with .npz, got {path.name!r}")
+        path, contents = Path(path), self._contents(path, state)
+        with _named_failure(path), atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, **contents)  # type: ignore[arg-type]
+        return path
+
+    def rehearse(self, path: str | Path, state: Any) -> None:
+        """Write the state to a nameless file beside ``path``, which stays as it is. Raises as `write`."""
+        path, contents = Path(path), self._contents(path, state)
+        with _named_failure(path):
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=path.parent) as file:
+                np.savez(file, **contents)  # type: ignore[arg-type]
+
+    def _contents(self, path: str | Path, state: Any) -> dict[str, np.ndarray]:
+        """The arrays of the file. Raises ArgumentError for what is no state, or no name for one."""
+        if Path(path).suffix != ".npz":
+            raise ArgumentError(f"path: expected a name that ends with .npz, got {Path(path).name!r}")
         arrays: dict[str, np.ndarray] = {}
         tree = _encode(state, arrays, "state")
         header = json.dumps(
@@ -49,12 +71,7 @@ class StateWriter:
                 "digest": _digest(tree, arrays), "eladapt": importlib.metadata.version("eladapt"),
             }
         )  # fmt: skip
-        try:
-            with atomic_write(path) as temporary, temporary.open("wb") as file:
-                np.savez(file, header=np.array(header), **arrays)  # type: ignore[arg-type]
-        except OSError as reason:
-            raise StateError(f"{path}: cannot be written ({reason.strerror})") from reason
-        return path
+        return {"header": np.array(header), **arrays}
 
 
 def save_state(path: str | Path, controller: Any, state: Any) -> Path:
@@ -68,7 +85,8 @@ def save_state(path: str | Path, controller: Any, state: Any) -> Path:
 def load_state(path: str | Path, controller: Any) -> Any:
     """The state that `save_state` wrote for such a controller: same robot, same configuration.
 
-    Raises StateError for a file that is missing, damaged, or another controller's; it names what differs.
+    Raises StateError for a file that is missing, damaged, or another controller's, or whose state is none
+    that ``controller.init`` could have led to; it names what differs.
     """
     path = Path(path)
     try:
@@ -98,7 +116,24 @@ def load_state(path: str | Path, controller: Any) -> Any:
     if key != _key(made_of):
         said = _differences(kept, made_of)
         raise StateError(f"{path}: saved by another controller or for another robot: {said}")
-    return _decode(tree, arrays, path)
+    return _checked(controller, _decode(tree, arrays, path), path)
+
+
+def _checked(controller: BareController, state: Any, path: Path) -> Any:
+    """The state if the controller could have had it; StateError names the file, too."""
+    try:
+        return require_state_of(controller, state)
+    except EladaptError as reason:
+        raise StateError(f"{path}: not a state of this controller (use an older file): {reason}") from reason
+
+
+@contextlib.contextmanager
+def _named_failure(path: Path) -> Iterator[None]:
+    """What the system says against writing, as a StateError."""
+    try:
+        yield
+    except OSError as reason:
+        raise StateError(f"{path}: cannot be written ({reason.strerror})") from reason
 
 
 def on_clock(state: Any, shift: float) -> Any:

@@ -20,7 +20,7 @@ SPAN_TOLERANCE = 1e-9  # relative; a basis of one's own must reproduce the torqu
 
 
 class Regressors:
-    """Turns a robot into regressors W(q, v, a) with W @ theta = tau.
+    """Turns a robot into regressors W(q, v, a) with W @ theta = tau. Threads may share them.
 
     theta = [theta_M, theta_F, theta_U]: what only the motion sees of bodies and rotors; viscous friction,
     Coulomb friction and torque offsets, nv each; what gravity sees.

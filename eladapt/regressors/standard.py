@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from eladapt.errors import ArgumentError, UnknownNameError
 from eladapt.robot.model import Robot
+from eladapt.scratch import Scratch
 
 ZERO = 1e-12  # relative to the largest parameter
 
@@ -26,7 +27,7 @@ class StandardRegressors:
 
     def __init__(self, robot: Robot, *, every_rotor: bool = False):
         self.robot = robot
-        self._data = robot.model.createData()
+        self._scratch = Scratch(robot.model.createData)
         self._weightless = robot.weightless
         self.rotors = np.arange(robot.nv) if every_rotor else np.flatnonzero(robot.armature)  # their joints
         self._rotor_columns = np.eye(robot.nv)[:, self.rotors]
@@ -69,7 +70,7 @@ class StandardRegressors:
     def bodies(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, weight: bool = True) -> np.ndarray:
         """(nv, 10 bodies): the regressor of M a + C v + g without rotors; without g unless ``weight``."""
         model = self.robot.model if weight else self._weightless
-        found = pin.computeJointTorqueRegressor(model, self._data, q, v, a)
+        found = pin.computeJointTorqueRegressor(model, self._scratch.own, q, v, a)
         # Pinocchio's bindings return an only row as a vector.
         return found if self.robot.nv > 1 else found.reshape(1, -1)
 
@@ -88,7 +89,7 @@ class StandardRegressors:
     def kinetic_gradient(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(nv, 10 bodies): [1/2 grad_q v' M_k v]_k = sum_i (dv_i/dq)' H(v_i), v_i the velocity of body i
         and H(v_i) = bodyRegressor(0, v_i) its momentum's regressor; rotors have none."""
-        model, data = self.robot.model, self._data
+        model, data = self.robot.model, self._scratch.own
         pin.computeForwardKinematicsDerivatives(model, data, q, v, v)
         gradient = np.zeros((model.nv, self.n_body_parameters))
         still = pin.Motion.Zero()
@@ -101,12 +102,12 @@ class StandardRegressors:
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(s,): the regressor of 1/2 v' M v."""
-        bodies = pin.computeKineticEnergyRegressor(self.robot.model, self._data, q, v)
+        bodies = pin.computeKineticEnergyRegressor(self.robot.model, self._scratch.own, q, v)
         return np.concatenate([bodies, 0.5 * v[self.rotors] ** 2])
 
     def potential_energy(self, q: np.ndarray) -> np.ndarray:
         """(s,): the regressor of U."""
-        bodies = pin.computePotentialEnergyRegressor(self.robot.model, self._data, q)
+        bodies = pin.computePotentialEnergyRegressor(self.robot.model, self._scratch.own, q)
         return np.concatenate([bodies, np.zeros(len(self.rotors))])
 
     def _with_rotors(self, bodies: np.ndarray, a: np.ndarray) -> np.ndarray:

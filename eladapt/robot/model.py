@@ -37,6 +37,7 @@ from eladapt.robot.reading import (
     read_model,
     velocity_index,
 )
+from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 from eladapt.urdf.checks import check_mimics, check_model, check_urdf
 from eladapt.urdf.mending import mend as mended
@@ -52,7 +53,7 @@ class Robot:
     """M(q) a + C(q, v) v + g(q) = tau (237) for a fixed-base tree of 1-DoF joints.
 
     Build it with `from_urdf` or `load`. Arrays are in joint order; nq exceeds nv by one for each
-    continuous joint, whose configuration is (cos, sin).
+    continuous joint, whose configuration is (cos, sin). Threads may share it.
     """
 
     model: pin.Model
@@ -67,10 +68,10 @@ class Robot:
     # What the maker publishes beside the URDF, (nv,) each: any of `robot.reading.PUBLISHED`.
     published: Mapping[str, np.ndarray] = field(default_factory=dict)
     mend: bool = False  # whether bodies that are not physical were mended when the file was read
-    _data: pin.Data = field(default=None, repr=False)
+    _scratch: Scratch[pin.Data] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_data", self.model.createData())
+        object.__setattr__(self, "_scratch", Scratch(self.model.createData))
 
     def __repr__(self) -> str:
         ends = self.joint_names if self.nv < 3 else (self.joint_names[0], self.joint_names[-1])
@@ -78,12 +79,8 @@ class Robot:
         return f"Robot({self.name[:40]!r}, {self.nv} joints: {joints}, tool {self.tool[:40]!r})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a pickle holds: all but Pinocchio's scratch, ten times the size of the rest, and copies."""
-        kept = {name: value for name, value in vars(self).items() if name not in ("weightless", "still")}
-        return {**kept, "_data": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, _data=state["model"].createData())
+        """What a pickle holds: all but what was computed."""
+        return {name: value for name, value in vars(self).items() if name not in ("weightless", "still")}
 
     @classmethod
     def from_urdf(
@@ -133,7 +130,7 @@ class Robot:
         if tool is not None:
             frame_index(model, tool)
         neutral = pin.difference(model, pin.neutral(model), clipped_neutral(model))
-        home = neutral if home is None else require_vector("home", home, model.nv)
+        home = neutral if home is None else np.array(require_vector("home", home, model.nv))
         robot = cls(
             model=model,
             name=name or model.name,
@@ -145,7 +142,7 @@ class Robot:
             published=published_limits(published or {}, model.nv),
             mend=mend,
             home=home,
-            target=home if target is None else require_vector("target", target, model.nv),
+            target=np.array(home if target is None else require_vector("target", target, model.nv)),
         )
         robot._warn_of_units()
         return robot
@@ -227,24 +224,24 @@ class Robot:
 
     def mass_matrix(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
         """M(q) (nv, nv), armature included. check: whether q is to be validated."""
-        mass_matrix = pin.crba(self.model, self._data, self.check_q(q) if check else q)  # a copy
+        mass_matrix = pin.crba(self.model, self._scratch.own, self.check_q(q) if check else q)  # a copy
         return mass_matrix if self.nv > 1 else np.reshape(mass_matrix, (1, 1))
 
     def coriolis_matrix(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """C(q, v) (nv, nv) of the Christoffel symbols, so that dM/dt = C + C' (205)."""
         q, v = self.check_q(q), self.check_v(v)
-        return _square(pin.computeCoriolisMatrix(self.model, self._data, q, v), self.nv)
+        return _square(pin.computeCoriolisMatrix(self.model, self._scratch.own, q, v), self.nv)
 
     def gravity(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
         """g(q) = grad U(q) (nv,) (209). check: whether q is to be validated."""
         return np.array(
-            pin.computeGeneralizedGravity(self.model, self._data, self.check_q(q) if check else q)
+            pin.computeGeneralizedGravity(self.model, self._scratch.own, self.check_q(q) if check else q)
         )
 
     def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """M a + C v + g (nv,)."""
         q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
-        return np.array(pin.rnea(self.model, self._data, q, v, a))
+        return np.array(pin.rnea(self.model, self._scratch.own, q, v, a))
 
     @functools.cached_property
     def weightless(self) -> pin.Model:
@@ -256,7 +253,7 @@ class Robot:
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """The acceleration M^-1 (tau - C v - g) (nv,)."""
         q, v, tau = self.check_q(q), self.check_v(v), self.check_v(tau, "tau")
-        return np.array(pin.aba(self.model, self._data, q, v, tau))
+        return np.array(pin.aba(self.model, self._scratch.own, q, v, tau))
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
         """1/2 v' M(q) v [J], the rotors' included."""
@@ -265,7 +262,7 @@ class Robot:
 
     def potential_energy(self, q: np.ndarray) -> float:
         """U(q) [J]."""
-        return float(pin.computePotentialEnergy(self.model, self._data, self.check_q(q)))
+        return float(pin.computePotentialEnergy(self.model, self._scratch.own, self.check_q(q)))
 
     def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
         """The tangent vector (nv,) that leads from q0 to q1; the short way round on continuous joints."""
@@ -337,7 +334,8 @@ class Robot:
         return require_vector(name, v, self.nv)
 
     def check_goal(self, goal: np.ndarray | Reference) -> Reference:
-        """A goal q_d (nq,), at rest, or a `Reference`, as a reference of finite vectors of this robot's size.
+        """A goal q_d (nq,), at rest, or a `Reference`, as a reference of finite vectors of this robot's size
+        that are its own, so that whoever asked may go on writing to theirs.
 
         Raises ArgumentError, naming what is wrong: a shape, a number that is not finite, a continuous joint
         whose (cos, sin) is off the unit circle.
@@ -345,8 +343,8 @@ class Robot:
         if isinstance(goal, Reference):
             q, v, a = goal
             q = self.check_q(q, "goal.q")
-            return Reference(q, self.check_v(v, "goal.v"), self.check_v(a, "goal.a"))
-        return Reference(self.check_q(goal, "goal"), self.still, self.still)
+            return Reference(q, self.check_v(v, "goal.v"), self.check_v(a, "goal.a")).copy()
+        return Reference(self.check_q(goal, "goal").copy(), self.still, self.still)
 
     @functools.cached_property
     def still(self) -> np.ndarray:

@@ -181,5 +181,6 @@ def truth_of(plant: Any) -> Truth:
 
 
 def handed_on(goal: Reference) -> Goal:
-    """What a controller is given: a goal at rest as q_d alone, so that one without references takes it."""
-    return goal if goal.v.any() or goal.a.any() else goal.q
+    """What a controller is given, in arrays of its own: a goal at rest as q_d alone, so that one without
+    references takes it."""
+    return goal.copy() if goal.v.any() or goal.a.any() else goal.q.copy()

@@ -29,6 +29,7 @@ import numpy as np
 from eladapt.errors import UnknownNameError, require_gain, require_number
 from eladapt.gains.extremes import Extremes, configurations
 from eladapt.robot.model import Robot
+from eladapt.signals import Configuration, JointVector
 
 FADING = 0.2  # [s]
 SHARE = 0.25  # of what one bridging time can add, which holding may miss
@@ -38,10 +39,10 @@ SAMPLES = 50  # postures over which the lightest inertia of a joint is taken
 class Hold(NamedTuple):
     """Where the fallback stands."""
 
-    anchor: np.ndarray  # (nq,) of the spring
-    offset: np.ndarray  # (nv,) [N m] what the gravity estimate had lacked, fading
-    gravity: np.ndarray  # (nv,) [N m] the last one at a trusted sample
-    q: np.ndarray  # (nq,) of the last trusted sample
+    anchor: Configuration  # of the spring
+    offset: JointVector  # [N m] what the gravity estimate had lacked, fading
+    gravity: JointVector  # [N m] the last one at a trusted sample
+    q: Configuration  # of the last trusted sample
     kinetic: float  # [J] at the alarm
     work: float  # [J] of spring and damper since
     allowed: float  # [J] that the arm may have gained beside it

@@ -112,7 +112,7 @@ class GatedController(Around):
         else:
             tau = self.gate.limited(gate, tau, dt)
             gate = gate._replace(tau=tau)
-        return GatedState(inner, gate, trusted), tau
+        return GatedState(inner, gate, trusted), tau.copy()
 
     def reset(
         self, state: GatedState, measurement: Measurement | None = None, *, forget: bool = False
@@ -131,7 +131,7 @@ class GatedController(Around):
 
     def _begun(self, gate: GateState, theta0: Any) -> GatedState:
         given = () if theta0 is None else (theta0,)
-        inner = self.controller.init(gate.measurement, *given)
+        inner = self.controller.init(gate.measurement.copy(), *given)
         return GatedState(inner, gate, self._parameters(inner))
 
     def _parameters(self, inner: Any) -> np.ndarray:
@@ -141,7 +141,7 @@ class GatedController(Around):
     def _stepped(self, inner: Any, gate: GateState, dt: float) -> tuple[Any, np.ndarray, GateState]:
         """The controller's own step; whatever it raises is a fault, not a crash with an arm in the air."""
         try:
-            inner, tau = self.controller.step(inner, gate.measurement, handed_on(gate.goal), dt)
+            inner, tau = self.controller.step(inner, gate.measurement.copy(), handed_on(gate.goal), dt)
         except Exception as reason:
             return inner, gate.tau, self.gate.latch(gate, "controller", f"{type(reason).__name__}: {reason}")
         try:

@@ -58,14 +58,14 @@ class FrozenSensor(_Fault):
     def reset(self) -> Measurement:
         """The plant's first measurement."""
         self._seen = self.plant.reset()
-        return self._seen
+        return self._seen.copy()
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """A step, of which the sensors do not tell."""
         measurement = self.plant.step(tau, dt)
         if self._seen is None or not self.active(measurement.t):
             self._seen = measurement
-        return measurement._replace(q=self._seen.q, v=self._seen.v)
+        return measurement._replace(q=self._seen.q, v=self._seen.v).copy()
 
 
 class Packets(_Fault):
@@ -96,7 +96,7 @@ class Packets(_Fault):
         self._rng = np.random.default_rng(self.seed)
         self._seen = self.plant.reset()
         self._held, self._t = self._seen.tau, self._seen.t
-        return self._seen
+        return self._seen.copy()
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """A step with the command that arrived last, and the measurement that arrived last."""
@@ -108,7 +108,7 @@ class Packets(_Fault):
         self._t = measurement.t
         if not (active and (back < self.dropped or twice < self.duplicated)):
             self._seen = measurement
-        return self._seen
+        return self._seen.copy()
 
 
 class Jitter(_Fault):

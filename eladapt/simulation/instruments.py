@@ -80,7 +80,7 @@ class Encoders(_Wrapper):
         """The plant's first measurement, counted; the velocity starts at the plant's."""
         measurement = self.plant.reset()
         self._q, self._v = self._counted(measurement.q), measurement.v
-        return measurement._replace(q=self._q)
+        return measurement._replace(q=self._q.copy(), v=self._v.copy())
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """Hold the torque tau (nv,) for dt [s]."""
@@ -89,7 +89,7 @@ class Encoders(_Wrapper):
         speed = self.robot.difference(self._q, q) / dt
         share = -np.expm1(-dt / self.time_constant)
         self._q, self._v = q, self._v + share * (speed - self._v)
-        return measurement._replace(q=q, v=self._v)
+        return measurement._replace(q=q.copy(), v=self._v.copy())
 
     def noise(self, dt: float) -> Noise:
         """What counting amounts to in a moving joint, for steps of dt [s]: a uniform, white error

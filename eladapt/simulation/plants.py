@@ -56,8 +56,8 @@ class PinocchioPlant:
         if substeps < 1:
             raise ArgumentError(f"substeps: expected at least 1, got {substeps}")
         self.robot, self.integrator, self.substeps, self.seed = robot, integrator, substeps, seed
-        self.q0 = robot.check_q(np.asarray(q0, dtype=float), "q0")
-        self.v0 = np.zeros(robot.nv) if v0 is None else robot.check_v(np.asarray(v0, dtype=float), "v0")
+        self.q0 = robot.check_q(np.array(q0, dtype=float), "q0")
+        self.v0 = np.zeros(robot.nv) if v0 is None else robot.check_v(np.array(v0, dtype=float), "v0")
         self.friction, self.noise = friction or Friction(), noise or Noise()
         self.brakes = brakes or Brakes()
         self.payload = Payload(float(payload)) if isinstance(payload, int | float) else payload
@@ -113,7 +113,7 @@ class PinocchioPlant:
     def _measure(self) -> Measurement:
         dq, dv = self.noise.sample(self.t, self.robot.nv, self._rng)
         return Measurement(
-            self.t, pin.integrate(self.robot.model, self.q, np.asarray(dq)), self.v + dv, self.tau
+            self.t, pin.integrate(self.robot.model, self.q, np.asarray(dq)), self.v + dv, self.tau.copy()
         )
 
     def _acceleration(self, model: pin.Model, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:

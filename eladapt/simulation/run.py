@@ -56,7 +56,7 @@ def simulate(
             state, tau = controller.step(state, measurement, handed_on(reference), dt)
             recorder.add(measurement.t, plant.q, plant.v, tau, reference, state)
             if observer is not None:
-                observer(measurement.t, plant.q, reference.q, state)
+                observer(measurement.t, np.array(plant.q), reference.q, state)
             if getattr(state, "brake", False):
                 plant.brake()
             if k < steps:

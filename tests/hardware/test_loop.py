@@ -272,6 +272,9 @@ def test_what_is_no_packet_is_ignored(served):
         interface.write(np.array([np.nan, 0.0]))
         time.sleep(0.1)
         assert interface.read().t == 0.0, "the brakes hold until a torque is taken"
+        last = interface.read()
+        last.q[:] = np.nan
+        assert np.isfinite(interface.read().q).all(), "what was read is one's own"
     assert report.poll(10)
     end = report.recv()
     assert end.ended == "silence"

@@ -245,4 +245,4 @@ def test_a_robot_is_the_same_after_a_pickle():
     assert len(packed) < len(pickle.dumps(robot.model)) + 5_000
     np.testing.assert_array_equal(again.inverse_dynamics(q, v, v), robot.inverse_dynamics(q, v, v))
     assert again.source == robot.source
-    assert again._data is not robot._data
+    assert again._scratch.own is not robot._scratch.own
