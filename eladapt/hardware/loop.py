@@ -17,11 +17,11 @@ from eladapt.hardware.bookkeeping import Bookkeeping
 from eladapt.hardware.interruption import Interruption
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.motion.limits import MotionLimits
-from eladapt.motion.motions import require_holdable, require_within
 from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
 from eladapt.records.state_file import on_clock
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import require_holdable, require_within
 from eladapt.robot.protocols import BareController, Goal, GoalCourse
 from eladapt.signals import Measurement, Reference
 
@@ -76,7 +76,8 @@ def run_loop(
 
     goal: q_d (nq,), a `Reference`, or a callable of the time since the start [s], by the robot's clock, that
     returns either. state: of an earlier run, to go on with what it had learned, also if the robot's clock was
-    set since; None begins afresh. When a gate latches a fault, its fallback goes on for ``after_fault`` [s].
+    set since; None begins afresh. When a gate latches a fault, its fallback goes on for ``after_fault`` [s],
+    or ends at once where the gate wants the brakes: `stop` is to close them.
     checkpoint: a file to which the state is saved every ``every`` [s] and at the end, for `load_state`; a
     write takes a millisecond or two. It is tried before the robot starts; a write that fails later is warned
     of, once, and the loop goes on. priority: see `undisturbed`. shaped: whether the goal becomes a
@@ -158,6 +159,8 @@ class _Loop:
             if interruption.signals:
                 return "interrupted"
             fault = self.tick()
+            if getattr(self.state, "brake", False):
+                return "fault"
             self.pacer.wait()
             if fault is not None:
                 ended, left = "fault", min(left, round(after_fault / self.dt) + 1) - 1

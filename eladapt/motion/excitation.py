@@ -12,9 +12,10 @@ from tqdm import tqdm
 from eladapt.errors import ArgumentError, require_number
 from eladapt.gains.extremes import effort, extremes
 from eladapt.motion.limits import MotionLimits
-from eladapt.motion.motions import Course, Motion, require_holdable, require_within
+from eladapt.motion.motions import Course, Motion
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import require_holdable, require_within
 
 HARMONICS = 5
 POINTS = 120  # at which a motion is judged

@@ -12,6 +12,7 @@ from ruckig import InputParameter, Ruckig, RuckigError, Trajectory
 from eladapt.errors import ArgumentError, UnknownNameError, require_number
 from eladapt.motion.limits import MotionLimits
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import require_holdable, require_within
 from eladapt.signals import Reference
 
 
@@ -107,29 +108,6 @@ def solved(problem: InputParameter) -> Trajectory:
     except RuckigError as reason:
         raise ArgumentError(f"motion: ruckig finds none within these limits ({reason})") from reason
     return trajectory
-
-
-def require_within(robot: Robot, q: np.ndarray, name: str) -> None:
-    """Raises ArgumentError, with joint and figures, where q (nq,) is beyond a joint's limits."""
-    x = robot.coordinates(q)
-    beyond = np.maximum(x - robot.upper, robot.lower - x)
-    k = int(np.argmax(beyond))
-    if beyond[k] > 0:
-        raise ArgumentError(
-            f"{name}: {robot.joint_names[k]} at {x[k]:.4g} is beyond its limits, "
-            f"{robot.lower[k]:.4g} to {robot.upper[k]:.4g}"
-        )
-
-
-def require_holdable(robot: Robot, q: np.ndarray, name: str) -> None:
-    """Raises ArgumentError, with joint and figures, where gravity at q (nq,) takes more than the effort."""
-    gravity = robot.gravity(q)
-    k = int(np.argmax(np.abs(gravity) / robot.effort_limit))
-    if abs(gravity[k]) > robot.effort_limit[k]:
-        raise ArgumentError(
-            f"{name}: {robot.joint_names[k]} cannot be held there: gravity takes {abs(gravity[k]):.4g} N m, "
-            f"the URDF's effort limit is {robot.effort_limit[k]:.4g} N m; are masses and lengths in kg and m?"
-        )
 
 
 def _turned(robot: Robot, turns: Mapping[str, int]) -> np.ndarray:

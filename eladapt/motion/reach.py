@@ -12,8 +12,9 @@ import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_vector
 from eladapt.motion.limits import MotionLimits
-from eladapt.motion.motions import Motion, move, require_within
+from eladapt.motion.motions import Motion, move
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import require_within
 from eladapt.robot.reading import frame_index
 
 try:

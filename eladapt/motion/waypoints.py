@@ -11,8 +11,9 @@ from scipy.interpolate import CubicSpline
 
 from eladapt.errors import ArgumentError
 from eladapt.motion.limits import MotionLimits
-from eladapt.motion.motions import Course, Motion, require_holdable, require_within, solved
+from eladapt.motion.motions import Course, Motion, solved
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import require_holdable, require_within
 
 POINTS = 1000  # at which the path's derivatives are taken
 OVERSHOOT = 200  # points at which the path is compared with the joint limits

@@ -9,10 +9,10 @@ to x all the time, encoder or drive turn the wrong way; where z is nothing altho
 than friction bears, even for an arm with the largest rotor that is believed, one of them is dead or stuck, or
 something holds the joint. A load or a push that comes at once spoils some samples and not a run of them.
 
-Does the position go where the velocity says? Both are integrated over some milliseconds and compared.
+Does the position go where the velocity says? Over some milliseconds its integral is compared with the way.
 
-Does a sensor still show the noise that it had at rest? One that did and is the same number to the last bit for
-a while is dead.
+Does a sensor still show the noise that it had at rest? One that did and is the same number to the last bit
+for a while is dead.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.compiling import COUNT, MATRIX, SCALAR, VECTOR, kernel
+from eladapt.compiling import COUNT, SCALAR, VECTOR, kernel
 from eladapt.errors import require_gain, require_number
-from eladapt.gains.derived import ASSUMED_ROTOR_ACCELERATION
+from eladapt.gains.derived import LEAST_ROTOR_ACCELERATION
 from eladapt.robot.model import Robot
 from eladapt.safety.guards import Alarm
 
@@ -34,19 +34,19 @@ RUN = 2 * SPAN + 2  # samples in a row: a step of something else spoils 2 SPAN
 OPPOSED = -0.3  # z of x, below which a joint turns against its torque
 DEAF = 0.3  # (z with the rotor) of x, below which it does not answer
 MEMORY = 0.02  # [s] over which position and velocity are compared
-CONTRADICTION = 0.3  # of the way, by which they may differ
-LIVELY_MEMORY, LIVELY = 0.5, 0.85  # [s]; share of samples at rest that differ from the one before
+CONTRADICTION = 0.2  # of the way, by which they may differ
+LIVELY_MEMORY, LIVELY = 0.5, 0.5  # [s]; share of samples at rest that turn back, of white noise two thirds
 SAME = 20  # samples in a row that do not
 SMALLEST = 1e-9  # [rad, rad/s] a change that is noise and not the tail of a filter
 
 
 class BeliefState(NamedTuple):
-    """What is remembered of torques and motions; by sample (2 SPAN, nv), the newest last, and by joint (nv,)."""
+    """What is remembered of torques and motions: by sample, the newest last, and by joint."""
 
-    torque: np.ndarray
-    needed: np.ndarray  # [N m] for the motion that followed, by the model
-    heaviest: np.ndarray  # [N m] the same with the largest rotor
-    opposed: np.ndarray  # samples in a row that turned against their torque
+    torque: np.ndarray  # (2 SPAN, nv) [N m] that acted
+    needed: np.ndarray  # (2 SPAN, nv) [N m] for the motion that followed, by the model
+    heaviest: np.ndarray  # (2 SPAN, nv) [N m] the same with the largest rotor
+    opposed: np.ndarray  # (nv,) samples in a row that turned against their torque
     turned: np.ndarray  # [N m] by how much torque changed in them
     deaf: np.ndarray  # samples in a row that did not answer it
     pushed: np.ndarray  # [N m] by how much torque changed in them
@@ -54,11 +54,12 @@ class BeliefState(NamedTuple):
     way: np.ndarray  # [rad] the larger of both
     jitter: np.ndarray  # [rad^2] mean square of the position's white noise
     step: np.ndarray  # [rad] of the position at the last sample
-    lively: np.ndarray  # share of samples at rest that differed from the one before
-    same: np.ndarray  # samples in a row that did not
+    change: np.ndarray  # [rad/s] of the velocity there
+    lively: np.ndarray  # share of samples at rest at which position or velocity turned back
+    same: np.ndarray  # samples in a row that were like the one before
 
 
-@kernel(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, COUNT)
+@kernel(*[VECTOR] * 8, SCALAR, SCALAR, COUNT)
 def runs(
     x: np.ndarray, z: np.ndarray, heavy: np.ndarray, opposed: np.ndarray, turned: np.ndarray,
     deaf: np.ndarray, pushed: np.ndarray, least: np.ndarray, against: float, silent: float, span: int,
@@ -81,11 +82,11 @@ def runs(
     return found
 
 
-@kernel(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
+@kernel(*[VECTOR] * 11, SCALAR, SCALAR, SCALAR)
 def sensed(
     moved: np.ndarray, before: np.ndarray, v: np.ndarray, drift: np.ndarray, way: np.ndarray,
-    jitter: np.ndarray, step: np.ndarray, lively: np.ndarray, same: np.ndarray, still: np.ndarray,
-    elapsed: float, memory: float, forgotten: float,
+    jitter: np.ndarray, step: np.ndarray, change: np.ndarray, lively: np.ndarray, same: np.ndarray,
+    still: np.ndarray, elapsed: float, memory: float, forgotten: float,
 ) -> np.ndarray:  # fmt: skip
     """(5, nv): drift, way, jitter, lively and same a sample later."""
     found = np.empty((5, len(v)))
@@ -95,11 +96,13 @@ def sensed(
         found[0, i] = keep * drift[i] + moved[i] - along
         found[1, i] = keep * way[i] + max(abs(moved[i]), abs(along))
         found[2, i] = jitter[i] + share * ((moved[i] - step[i]) ** 2 / 6 - jitter[i])
-        changed = abs(moved[i]) > SMALLEST or abs(v[i] - before[i]) > SMALLEST
+        faster = v[i] - before[i]
+        moves, changes = abs(moved[i]) > SMALLEST, abs(faster) > SMALLEST
+        back = (moves and moved[i] * step[i] < 0.0) or (changes and faster * change[i] < 0.0)
         found[3, i] = lively[i]
         if abs(v[i]) < still[i]:
-            found[3, i] += share * ((1.0 if changed else 0.0) - lively[i])
-        found[4, i] = 0.0 if changed else same[i] + 1.0
+            found[3, i] += share * ((1.0 if back else 0.0) - lively[i])
+        found[4, i] = 0.0 if moves or changes else same[i] + 1.0
     return found
 
 
@@ -107,10 +110,11 @@ def sensed(
 class Belief:
     """Thresholds, (nv,): what torque has to change by before a joint is judged by how it answers.
 
-    least [N m]: the change over SPAN samples that says something at all. against [N m]: in a run that is
-    opposed; silent [N m]: in one without an answer, which friction alone may cause. rotor [kg m^2]: the largest
-    that is believed. contradiction [rad]: by how much a position may leave its velocity's integral beside a
-    share of the way. still [rad/s]: below it a joint rests. Raises ArgumentError for what is not positive.
+    least [N m]: the change over SPAN samples that says something at all. against [N m]: that in a run that
+    is opposed; silent [N m]: in one without an answer, which friction alone may cause. rotor [kg m^2]: the
+    largest that is believed. contradiction [rad]: by how much a position may leave its velocity's integral
+    beside a share of the way. still [rad/s]: below it a joint rests. Raises ArgumentError for what is not
+    positive.
     """
 
     robot: Robot
@@ -128,18 +132,21 @@ class Belief:
     @classmethod
     def for_robot(cls, robot: Robot, effort: np.ndarray, velocity: np.ndarray, dt: float) -> Belief:
         """From the limits, (nv,): 1, 4 and 25 % of the effort and the URDF's friction; a rotor that the
-        effort turns at 50 rad/s^2; 2 ms at the speed limit."""
+        effort turns at 50 rad/s^2; 1.5 ms at the speed limit."""
         require_number("dt", dt, 0)
         fastest = np.where(np.isfinite(velocity), velocity, 2.0)
         return cls(
             robot, 0.01 * effort, 0.04 * effort, 0.25 * effort + robot.friction,
-            effort / ASSUMED_ROTOR_ACCELERATION, 2e-3 * fastest, 5e-3 * fastest,
+            effort / LEAST_ROTOR_ACCELERATION, 1.5e-3 * fastest, 5e-3 * fastest,
         )  # fmt: skip
 
     def init(self) -> BeliefState:
         """Nothing seen."""
         none, rows = np.zeros(self.robot.nv), np.zeros((2 * SPAN, self.robot.nv))
-        return BeliefState(rows, rows, rows, *[none] * 10)
+        return BeliefState(
+            torque=rows, needed=rows, heaviest=rows, opposed=none, turned=none, deaf=none, pushed=none,
+            drift=none, way=none, jitter=none, step=none, change=none, lively=none, same=none,
+        )  # fmt: skip
 
     def step(
         self,
@@ -159,12 +166,15 @@ class Belief:
             for old, new in zip(state[:3], (torque, needed, heaviest), strict=True)
         ]
         x, z, heavy = (row[SPAN:].mean(axis=0) - row[:SPAN].mean(axis=0) for row in rows)
-        answered = runs(x, z, heavy, *state[3:7], self.least, OPPOSED, DEAF, SPAN)
+        opposed, turned, deaf, pushed = runs(x, z, heavy, *state[3:7], self.least, OPPOSED, DEAF, SPAN)
         drift, way, jitter, lively, same = sensed(
-            moved, before, v, state.drift, state.way, state.jitter, state.step, state.lively, state.same,
+            moved, before, v, state.drift, state.way, state.jitter, state.step, state.change, state.lively, state.same,
             self.still, elapsed, MEMORY, LIVELY_MEMORY,
         )  # fmt: skip
-        return BeliefState(*rows, *answered, drift, way, jitter, moved, lively, same)
+        return BeliefState(
+            rows[0], rows[1], rows[2], opposed, turned, deaf, pushed, drift, way, jitter, moved, v - before,
+            lively, same,
+        )  # fmt: skip
 
     def alarm(self, state: BeliefState) -> Alarm | None:
         """The joint that is not to be believed, and why."""
@@ -177,13 +187,17 @@ class Belief:
         deaf = (state.deaf >= RUN) & (state.pushed > self.silent)
         if deaf.any():
             i = int(deaf.argmax())
-            said = f"{names[i]!r} does not answer its torque: encoder or drive are dead, or something holds it"
+            said = (
+                f"{names[i]!r} does not answer its torque: encoder or drive are dead, or something holds it"
+            )
             return Alarm("unresponsive", said)
         allowed = self.contradiction + CONTRADICTION * state.way + 8 * np.sqrt(state.jitter)
         apart = np.abs(state.drift) - allowed
         if apart.max() > 0:
             i = int(apart.argmax())
-            said = f"{names[i]!r} is {state.drift[i]:.3g} rad off where its velocity leads within {MEMORY:g} s"
+            said = (
+                f"{names[i]!r} is {state.drift[i]:.3g} rad off where its velocity leads within {MEMORY:g} s"
+            )
             return Alarm("sensor", said)
         dead = (state.same >= SAME) & (state.lively > LIVELY)
         if dead.any():

@@ -1,8 +1,8 @@
-"""What is done after a fault: the arm is held, as long as that helps; else its brakes are wanted.
+"""What is done after a fault: the arm is held as long as that helps, else its brakes are wanted.
 
-Spring and damper pull each joint by itself, tau_i = g_i - P_i e_i - D_i v_i, with e the way from where the arm
-was when the fault came. The gravity estimate is the gradient of a potential whatever its parameters are, and
-the spring is another one, so with V = kinetic energy + both potentials
+Spring and damper pull each joint by itself, tau_i = g_i - P_i e_i - D_i v_i, with e the way from where the
+arm was when the fault came. The gravity estimate is the gradient of a potential whatever its parameters are,
+and the spring is another one, so with V = kinetic energy + both potentials
 
     dV/dt = - sum_i D_i v_i^2 <= 0
 
@@ -12,11 +12,12 @@ depends on what the others can bear (a law that solves for all joints at once, M
 Fetch's wrist the torque that its saturated shoulder needed, and spun it).
 
 Whether they are, energy tells. The work of spring and damper is booked as it is commanded, W = integral of
-v' (tau - g) dt with what g had lacked when the fault came, and the arm's kinetic energy T is watched: what it has gained beside W came from somewhere
-else. With a sensor or a motor of the wrong sign T grows while W falls. When that gain exceeds a part of what
-torque without bound but the effort limits could do within the bridging time, or without a trusted sample for
-so long, holding has failed, and ``braking`` begins: nothing but the last gravity torque, fading while the
-brakes close. So after the alarm the arm gains no more than in one bridging time, however wrong its signs are.
+v' (tau - g) dt with what g had lacked when the fault came, and the arm's kinetic energy T is watched: what
+it has gained beside W came from somewhere else. With a sensor or a motor of the wrong sign T grows while W
+falls. When that gain exceeds a part of what torque without bound but the effort limits could do within the
+bridging time, or without a trusted sample for so long, holding has failed, and ``braking`` begins: nothing
+but the last gravity torque, fading while the brakes close. So after the alarm the arm gains no more than in
+one bridging time, however wrong its signs are.
 """
 
 from __future__ import annotations
@@ -88,9 +89,7 @@ class Fallback:
         P = np.minimum(2 * effort, D**2 / (4 * lightest))
         return cls(robot, effort, **{"P": P, "D": D, **given})
 
-    def begin(
-        self, q: np.ndarray, v: np.ndarray, gravity: np.ndarray, unexplained: np.ndarray
-    ) -> Hold:
+    def begin(self, q: np.ndarray, v: np.ndarray, gravity: np.ndarray, unexplained: np.ndarray) -> Hold:
         """Held where it is, at q (nq,), v (nv,); gravity (nv,): the estimate there, and what it lacks is what
         the URDF's model has not explained."""
         robot, mass = self.robot, self.robot.mass_matrix(q)

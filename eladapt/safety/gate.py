@@ -19,6 +19,7 @@ import pinocchio as pin
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number, require_vector
 from eladapt.gains.extremes import effort, extremes
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import require_holdable, require_within
 from eladapt.robot.protocols import Goal
 from eladapt.safety.barrier import Barrier
 from eladapt.safety.belief import Belief, BeliefState
@@ -28,13 +29,14 @@ from eladapt.signals import Measurement, Reference
 
 FAULTS = (
     "measurement", "watchdog", "frozen", "jump", "goal", "velocity", "joint limit", "error growth",
-    "energy growth", "stall", "reversed", "unresponsive", "sensor", "controller", "torque",
+    "energy growth", "oscillation", "stall", "reversed", "unresponsive", "sensor", "controller", "torque",
 )  # fmt: skip
 
 BRAKED = ("velocity", "reversed", "unresponsive", "sensor")  # faults after which no torque is trusted to help
 FULL = 0.99  # of the effort limit
 LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
-FAR = 1.0  # [rad or m] beyond its range no joint is where it is seen
+FAR = 0.1  # [rad or m] beyond its range a joint is not where it is seen, or nowhere to start from
+EDGE = 1e-3  # [rad or m] by which a goal may be beyond
 FASTEST = 1e3  # [rad/s] no arm turns at 10,000 rpm; where the URDF sets no limit, this one holds
 ROUNDING = 1e-9  # of max_age: steps of dt that sum up to it do not exceed it
 
@@ -56,6 +58,7 @@ class GateState(NamedTuple):
     measurement: Measurement  # the last trusted one
     goal: Reference  # the last valid one
     age: float  # [s] of the last trusted measurement; 0 when it is this sample's
+    clock: float  # [s] from the robot's clock to the gate's, which is never set back
     suspicion: str  # why the samples since were not trusted
     q: np.ndarray  # (nq,) of the last trusted measurement
     v: np.ndarray  # (nv,)
@@ -120,8 +123,8 @@ class TorqueGate:
 
         effort: the URDF's, or max(3 max|g|, 20 max M) where it sets none. torque_rate: all of it in 10 ms, or
         ten steps of dt, and no more than the maker allows. velocity: 1.1 times the URDF's, 1 for what a noisy
-        sensor adds. max_age: 20 ms, or five steps. fallback: see `Fallback.for_robot`, with a horizon of 10 ms,
-        or three steps. Raises UnknownNameError for a name that is no limit.
+        sensor adds. max_age: 20 ms, or five steps. fallback: `Fallback.for_robot` with a horizon of 10 ms, or
+        three steps. belief: `Belief.for_robot`. Raises UnknownNameError for a name that is no limit.
         """
         dt = require_number("dt", dt, 0)
         legal = [name for name in cls.__dataclass_fields__ if name != "robot"]
@@ -154,27 +157,28 @@ class TorqueGate:
         _, q, v, tau = measurement
         if np.abs(v).max() > FASTEST:
             raise ArgumentError(f"measurement.v: expected at most {FASTEST:g} rad/s, got {v}")
-        x = self.robot.coordinates(q)
-        beyond = np.maximum(x - self.upper, self.lower - x)
-        if beyond.max() > FAR:
-            k = int(beyond.argmax())
-            degrees = self.lower[k] <= np.deg2rad(x[k]) <= self.upper[k]
-            raise ArgumentError(
-                f"measurement.q: {self.robot.joint_names[k]} at {x[k]:.4g} is far beyond its limits, "
-                f"{self.lower[k]:.4g} to {self.upper[k]:.4g}{'; are these degrees?' if degrees else ''}"
-            )
+        require_within(self.robot, q, "measurement.q", lower=self.lower, upper=self.upper, slack=FAR)
         tau = np.clip(tau, -self.effort, self.effort)
         nv = self.robot.nv
         here = Reference(q, np.zeros(nv), np.zeros(nv))
         return GateState(
-            measurement, here, 0.0, "", q, v, tau, np.zeros(nv), self.guard.init(q, nv), self.belief.init()
+            measurement,
+            here,
+            0.0,
+            0.0,
+            "",
+            q,
+            v,
+            tau,
+            np.zeros(nv),
+            self.guard.init(q, nv),
+            self.belief.init(),
         )
 
     def watch(self, state: GateState, measurement: Measurement, goal: Goal, dt: float) -> GateState:
         """Judge a sample and a goal; `age` is 0 if they are trusted, and `fault` says what is wrong."""
         try:
-            given = self.robot.check_goal(goal)
-            state = state._replace(goal=Reference(*(np.array(part) for part in given)))
+            state = state._replace(goal=self._possible(state.goal, self.robot.check_goal(goal)))
         except ArgumentError as reason:
             state = self.latch(state, "goal", str(reason))
         try:
@@ -182,6 +186,7 @@ class TorqueGate:
         except (ArgumentError, TypeError, ValueError, OverflowError) as reason:
             doubt: Alarm | None = Alarm("measurement", str(reason))
         else:
+            state, measurement = self._on_clock(state, measurement, dt)
             doubt = self._doubt(state, measurement, dt)
         if doubt is None:
             return self._guarded(state, measurement, dt)
@@ -226,6 +231,24 @@ class TorqueGate:
             return state._replace(hold=hold, tau=tau), tau
         tau = self.limited(state, tau if np.isfinite(tau).all() else state.tau, dt)
         return state._replace(hold=hold, tau=tau), tau
+
+    def _possible(self, before: Reference, goal: Reference) -> Reference:
+        """The goal. Raises ArgumentError where it is beyond the limits, or rests where the arm cannot."""
+        if not np.array_equal(goal.q, before.q):
+            require_within(self.robot, goal.q, "goal", lower=self.lower, upper=self.upper, slack=EDGE)
+            if not goal.v.any():
+                require_holdable(self.robot, goal.q, "goal", self.effort)
+        return goal
+
+    def _on_clock(
+        self, state: GateState, measurement: Measurement, dt: float
+    ) -> tuple[GateState, Measurement]:
+        """The measurement by the gate's clock: one that was set back by more than is bridged goes on."""
+        t = measurement.t + state.clock
+        back = state.measurement.t - t
+        if back > self.max_age:
+            state = state._replace(clock=state.clock + back + state.age + dt)
+        return state, measurement._replace(t=measurement.t + state.clock)
 
     def _doubt(self, state: GateState, measurement: Measurement, dt: float) -> Alarm | None:
         """Why a finite sample is not to be trusted."""

@@ -45,7 +45,8 @@ class Noise:
 
 @dataclass(frozen=True)
 class Brakes:
-    """Brakes that are closed ``closing`` [s] after they were told to, and then rub with up to ``torque`` [N m].
+    """Brakes that are closed ``closing`` [s] after they were told to, and then rub with up to ``torque`` [N
+    m].
 
     torque: a number or (nv,); None for the effort limits. Permanent-magnet brakes of an arm's size take 5 to
     40 ms.
