@@ -94,6 +94,7 @@ def blocks(controller: ea.CompositeController, now: Situation) -> dict[str, Call
     _, regression = controller.regression.step(state.filters, measurement, DT)
     information = controller.extension.step(state.information, regression, DT)
     theta, j = state.parameters, reg.n_potential
+    moved = reg.torque(q, v, (v - state.measurement.v) / DT)
     return {
         "checks": lambda: (robot.check_measurement(measurement), robot.check_goal(goal)),
         "feed-forward": lambda: reg.slotine_li(q, v, goal.v, goal.a, check=False) @ theta,
@@ -102,7 +103,8 @@ def blocks(controller: ea.CompositeController, now: Situation) -> dict[str, Call
         "law": lambda: controller.mixing.follow(
             law, information, law.descend(theta, regressor, e1, e2, DT), j, DT
         ),
-        "disturbance": lambda: controller._unexplained(state, measurement, regressor, e1, e2, DT),
+        "from outside": lambda: controller._felt(state, measurement, e1, e2, DT, False),
+        "disturbance": lambda: controller._unexplained(state, measurement, moved, regressor, e1, e2),
         "inertia": lambda: (
             robot.mass_matrix(q, check=False),
             controller.joints and controller.joints.inertia(theta, information, state.noise),

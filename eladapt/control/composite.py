@@ -21,15 +21,19 @@ from eladapt.control.stepping import checked_step, elapsed
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import ChangeDetector, Snapshot
+from eladapt.estimation.contact import ContactDetector
 from eladapt.estimation.extensions import SubspaceLeastSquares
 from eladapt.estimation.mixing import Mixing, Unmixed, spectrum
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.gains.derived import Gains, derive_gains
+from eladapt.gains.extremes import effort, extremes
 from eladapt.gains.sensing import Hardware
 from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement, MixedRegression, Reference, Regression
+
+ARRIVED, STILL = 0.01, 0.02  # [rad, rad/s] within which an arm rests at its goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +46,14 @@ class CompositeController:
 
     control: `FiniteTimePD`, or any law with its ``torque`` and ``b``; b must agree with law.b (c = b).
     joints: what has been learned of rotors and viscous friction, which the law's M(q) has beside the URDF's
-    links.
-    effort_limit (nv,) [N m]: the torque is clipped to it; the estimator sees the torque that was applied, so
-    clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped. detector:
-    notices a load that comes or goes; filters and information then start afresh, and the estimate goes on
-    from where it was. disturbance: feeds forward what the model does not explain. gains: which rule set each
-    gain, where `for_robot` did. rest_speed [rad/s]: a joint that is slower feeds no direct term, which would
-    integrate noise and stiction as long as the arm rests; what pushes it is the disturbance's. nominal_dt
-    [s]: the step that the gains were made for, None if any will do.
+    links. effort_limit (nv,) [N m]: the torque is clipped to it; the estimator sees the torque that was
+    applied, so clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped.
+    detector: notices a load that comes or goes; filters and information then start afresh, and the estimate
+    goes on from where it was. disturbance: feeds forward what the model does not explain. touch: tells a
+    contact from a load, and lets learning rest while it lasts. gains: which rule set each gain, where
+    `for_robot` did. rest_speed [rad/s]: a joint that is slower feeds no direct term, which would integrate
+    noise and stiction as long as the arm rests; what pushes it is the disturbance's. nominal_dt [s]: the
+    step that the gains were made for, None if any will do.
     """
 
     regressors: Regressors
@@ -62,6 +66,7 @@ class CompositeController:
     effort_limit: float | np.ndarray = np.inf
     detector: ChangeDetector | None = None
     disturbance: DisturbanceEstimate | None = None
+    touch: ContactDetector | None = None
     gains: Gains | None = None
     rest_speed: float = 0.0
     nominal_dt: float | None = None
@@ -139,6 +144,7 @@ class CompositeController:
                 gains.tolerance,
                 gains.still_speed,
             ),
+            touch=ContactDetector(regressors, effort(robot, extremes(robot))),
             gains=gains,
             rest_speed=gains.stiction_speed,
             nominal_dt=dt,
@@ -178,7 +184,9 @@ class CompositeController:
             noise=np.zeros(len(filters.y)),
             inertia=np.zeros(self.robot.nv) if self.joints else None,
         )
-        return state._replace(change=self.detector.init(_snapshot(state))) if self.detector else state
+        if self.detector:
+            state = state._replace(change=self.detector.init(_snapshot(state)))
+        return state._replace(contact=self.touch.init()) if self.touch else state
 
     def step(
         self, state: ControllerState, measurement: Measurement, goal: np.ndarray | Reference, dt: float
@@ -224,7 +232,8 @@ class CompositeController:
     def recorded(self, state: ControllerState) -> dict[str, np.ndarray]:
         """What a record keeps of every sample."""
         innovation = np.asarray(getattr(state.information, "innovation", np.nan))
-        return {"parameters": state.parameters, "theta": state.theta, "innovation": innovation}
+        kept = {"parameters": state.parameters, "theta": state.theta, "innovation": innovation}
+        return {**kept, "external": state.external} if state.contact else kept
 
     def reviewed(self, state: ControllerState, frame: str | None) -> dict[str, np.ndarray]:
         """What a record keeps 30 times a second: how much of gravity is known, and the load."""
@@ -249,6 +258,9 @@ class CompositeController:
     ) -> ControllerState:  # fmt: skip
         """moving: M(q) where the reference moves, None where it stands still."""
         dt, gap = elapsed(state.measurement.t, measurement.t, dt)
+        state, moved = self._felt(state, measurement, e1, e2, dt, gap)
+        if state.contact and state.contact.acting:
+            return self._untaught(state, measurement, moved, regressor, e1, e2, dt)
         theta = self._descend(state.parameters, regressor, measurement, e1, e2, moving, dt)
         if gap:
             filters = self.regression.init(measurement)
@@ -270,17 +282,56 @@ class CompositeController:
                 if self.joints:  # whatever changed, it was not the joints
                     inertia = self._joint_inertia(self.joints, state)
         theta = self.mixing.follow(self.law, information, theta, state.n_potential, dt)
-        noise, disturbance = state.noise, state.disturbance
+        noise = state.noise
         if self.joints:
             noise = self.joints.noise(noise, regression, theta, dt)
-        if self.disturbance and disturbance is not None:
-            residual, friction = self._unexplained(state, measurement, regressor, e1, e2, dt)
-            still = e2 == measurement.v
-            disturbance = self.disturbance.step(disturbance, residual, friction, e1, measurement.v, still, dt)
+        disturbance = self._disturbance(state, measurement, moved, regressor, e1, e2, dt)
         return ControllerState(
             measurement, self.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
-            information, change, disturbance, noise, inertia,
+            information, change, disturbance, noise, state.contact, inertia,
         )  # fmt: skip
+
+    def _felt(
+        self, state: ControllerState, measurement: Measurement, e1: np.ndarray, e2: np.ndarray, dt: float,
+        gap: bool,
+    ) -> tuple[ControllerState, np.ndarray | None]:  # fmt: skip
+        """The state with what acts from outside over the step, and W(q, v, a) (nv, l) of it; None after a
+        gap."""
+        if gap or not (self.touch or self.disturbance):
+            return state, None
+        _, q, v, tau = measurement
+        moved = self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
+        if self.touch is None or state.contact is None:
+            return state, moved
+        arrived = bool(np.array_equal(e2, v) and np.abs(e1).max() < ARRIVED)
+        still = bool(np.abs(v).max() < STILL)
+        outside = moved @ state.parameters - tau
+        contact = self.touch.step(state.contact, outside, q, arrived, still, dt)
+        return state._replace(contact=contact), moved
+
+    def _untaught(
+        self, state: ControllerState, measurement: Measurement, moved: np.ndarray | None,
+        regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, dt: float,
+    ) -> ControllerState:  # fmt: skip
+        """The state of an arm that touches something, or may: it learns nothing."""
+        filters = self.regression.init(measurement)
+        return state._replace(
+            measurement=measurement,
+            filters=filters,
+            regression=Regression(filters.y, filters.omega),
+            disturbance=self._disturbance(state, measurement, moved, regressor, e1, e2, dt),
+        )
+
+    def _disturbance(
+        self, state: ControllerState, measurement: Measurement, moved: np.ndarray | None,
+        regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, dt: float,
+    ) -> np.ndarray | None:  # fmt: skip
+        """d after the step."""
+        if self.disturbance is None or state.disturbance is None or moved is None:
+            return state.disturbance
+        residual, friction = self._unexplained(state, measurement, moved, regressor, e1, e2)
+        still = e2 == measurement.v
+        return self.disturbance.step(state.disturbance, residual, friction, e1, measurement.v, still, dt)
 
     def _joint_inertia(self, joints: LearnedJoints, state: ControllerState) -> np.ndarray:
         """(nv,) [kg m^2] what is known of the joints now, or was before the last change."""
@@ -301,13 +352,12 @@ class CompositeController:
         return self.law.descend(theta, regressor, e1, e2, dt, free, self._friction, moving)
 
     def _unexplained(
-        self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, e1: np.ndarray,
-        e2: np.ndarray, dt: float,
+        self, state: ControllerState, measurement: Measurement, moved: np.ndarray, regressor: np.ndarray,
+        e1: np.ndarray, e2: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """(nv,) [N m] what of the torque neither theta nor the feed-forward explains; and how much more
         friction there is at v than is fed forward, as far as it is known."""
-        _, q, v, tau = measurement
-        moved = self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
+        _, _, v, tau = measurement
         residual, rows = unexplained(
             tau, moved, regressor, state.parameters, e1, e2, v, self.rest_speed, self._friction.start,
             self._first_offset, self._friction.stop,

@@ -18,7 +18,7 @@ from eladapt.files import atomic_write
 FORMAT = 2
 ARRAYS = ("t", "q", "v", "tau", "goal", "error", "parameters", "effort_limit", "velocity_limit")
 OPTIONAL_ARRAYS = (
-    "goal_velocity", "goal_acceleration", "delta", "zeta", "zeta_integral", "level", "innovation",
+    "goal_velocity", "goal_acceleration", "delta", "zeta", "zeta_integral", "level", "innovation", "external",
     "excitation", "carried", "parameters_true", "parameters_true_course",
 )  # fmt: skip
 
@@ -70,6 +70,7 @@ class Record:
     zeta_integral: np.ndarray | None = None  # (N, k) [s]
     level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated
     innovation: np.ndarray | None = None  # (N,) what a regression said that nothing before it had
+    external: np.ndarray | None = None  # (N, nv) [N m] what was felt to act on the arm from outside
     excitation: np.ndarray | None = None  # (m, 1 + j) t [s], what is known of gravity, in [0, 1]
     carried: np.ndarray | None = None  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
     final_state: Any = None  # the controller's last; not saved

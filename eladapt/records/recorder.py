@@ -10,6 +10,7 @@ delta, zeta,              (k,)    Delta, its gate zeta_1 and the gate's integral
 zeta_integral                     such numbers; k = 1, or one a direction
 level                     ()      smallest eigenvalue of what was accumulated
 innovation                ()      what the last regression said that nothing before it had
+external                  (nv,)   what acts on the arm from outside [N m]
 excitation (reviewed)     (j,)    how much of gravity is known: eigenvalues in [0, 1]
 carried (reviewed)        (5,)    the load's mass [kg], its centre [m], and the misfit
 ========================= ======= ======================================================================
@@ -30,7 +31,7 @@ from eladapt.robot.model import Robot
 from eladapt.robot.protocols import BareController, Rubbing, recorded_by, truth_of
 from eladapt.signals import Reference
 
-SAMPLED = ("parameters", "theta", "delta", "zeta", "zeta_integral", "level", "innovation")
+SAMPLED = ("parameters", "theta", "delta", "zeta", "zeta_integral", "level", "innovation", "external")
 REVIEWED = ("excitation", "carried")
 REVIEW_PERIOD = 1 / 30  # [s] as often as it is drawn
 

@@ -29,7 +29,8 @@ from eladapt.signals import Measurement, Reference
 
 FAULTS = (
     "measurement", "watchdog", "frozen", "jump", "goal", "velocity", "joint limit", "error growth",
-    "energy growth", "oscillation", "stall", "reversed", "unresponsive", "sensor", "controller", "torque",
+    "energy growth", "oscillation", "stall", "reversed", "unresponsive", "sensor", "contact", "controller",
+    "torque",
 )  # fmt: skip
 
 BRAKED = ("velocity", "reversed", "unresponsive", "sensor")  # faults after which no torque is trusted to help
@@ -75,12 +76,13 @@ class GateState(NamedTuple):
 class TorqueGate:
     """Limits, and what is done beyond them; arrays are (nv,), in the order of the joints.
 
-    effort [N m]; torque_rate [N m/s]; velocity [rad/s]; lower, upper [rad]: what may not be passed, inf where
-    nothing is set. A joint limit counts as passed when the velocity would carry the joint over it within
-    ``lookahead`` [s]. max_age [s]: how long the last torque is held without a trusted measurement. resolution
-    [rad]: what a moving joint must show for its sensor not to be called frozen. fallback: what holds the arm
-    after a fault. guard: what counts as divergence. barrier: None leaves the controller's torque as it is
-    below the limits. Raises ArgumentError for what is not positive.
+    effort [N m]; torque_rate [N m/s]; velocity [rad/s]; lower, upper [rad]: what may not be passed, inf
+    where nothing is set. A joint limit counts as passed when the velocity would carry the joint over it
+    within ``lookahead`` [s]. contact [N m]: of the external torque that the controller estimates,
+    ``state.external``; inf: none stops the arm. max_age [s]: how long the last torque is held without a
+    trusted measurement. resolution [rad]: what a moving joint must show for its sensor not to be called
+    frozen. fallback: what holds the arm after a fault. guard: what counts as divergence. barrier: None
+    leaves the controller's torque as it is below the limits. Raises ArgumentError for what is not positive.
     """
 
     robot: Robot
@@ -91,6 +93,7 @@ class TorqueGate:
     upper: np.ndarray
     fallback: Fallback
     belief: Belief
+    contact: float | np.ndarray = np.inf
     max_age: float = 0.02
     lookahead: float = 0.02
     resolution: float = 1e-4
@@ -100,7 +103,7 @@ class TorqueGate:
     def __post_init__(self) -> None:
         nv = self.robot.nv
         object.__setattr__(self, "effort", require_gain("effort", self.effort, nv))
-        for name in ("torque_rate", "velocity"):
+        for name in ("torque_rate", "velocity", "contact"):
             limit = np.asarray(getattr(self, name), dtype=float)
             if limit.shape not in ((), (nv,)) or not np.all(limit > 0):
                 raise ArgumentError(f"{name}: expected positive, scalar or ({nv},), got {limit}")
@@ -202,6 +205,14 @@ class TorqueGate:
         if state.fault is not None:
             return state
         return state._replace(fault=Fault(name, state.measurement.t + state.age, message))
+
+    def touched(self, state: GateState, external: np.ndarray | None) -> GateState:
+        """The state with the fault "contact" where external torque (nv,) is beyond the limit."""
+        if external is None or not np.any(np.abs(external) > self.contact):
+            return state
+        i = int(np.argmax(np.abs(external) / self.contact))
+        said = f"{external[i]:.3g} N m act on {self.robot.joint_names[i]!r} from outside, limit "
+        return self.latch(state, "contact", f"{said}{self.contact[i]:.3g}")  # type: ignore[index]
 
     def slowed(self, state: GateState, tau: np.ndarray) -> np.ndarray:
         """tau (nv,) within what the barrier allows at the trusted sample."""

@@ -46,6 +46,16 @@ class GatedState(NamedTuple):
         return np.asarray(self.inner.theta)
 
     @property
+    def external(self) -> np.ndarray:
+        """(nv,) [N m] what acts on the arm from outside, of a controller that estimates it."""
+        return np.asarray(self.inner.external)
+
+    @property
+    def touching(self) -> bool:
+        """Whether the arm touches something, as far as the controller can tell."""
+        return bool(getattr(self.inner, "touching", False))
+
+    @property
     def change(self) -> Any:
         """What its detector noticed."""
         return self.inner.change
@@ -102,6 +112,7 @@ class GatedController(Around):
         gate = self.gate.watch(state.gate, measurement, goal, dt)
         if gate.fault is None and gate.age == 0:
             stepped, tau, gate = self._stepped(inner, gate, dt)
+            gate = self.gate.touched(gate, getattr(stepped, "external", None))
             if gate.fault is None:
                 inner = stepped
                 error = self.robot.difference(gate.goal.q, gate.q)

@@ -1,0 +1,139 @@
+"""What acts on the arm from outside: how much, and whether it is a load that it carries or something it
+touches.
+
+The torque of the arm's own model, W(q, v, a) theta, with the mean acceleration of a step, less the torque
+that acted, is what came from elsewhere; summed up over many steps only the momentum's change is left of the
+acceleration. What comes to an arm that rests at its goal is no error of the model, which explained the rest:
+it is a load or a contact. A load pulls towards the ground, from somewhere near the tool, and nothing else:
+what no mass there explains is a contact. An arm learns nothing of a contact, or it would take a push for its
+own weight and friction.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from eladapt.errors import require_gain, require_number
+from eladapt.estimation.payload import payload_regressor
+from eladapt.regressors.regressors import Regressors
+
+REACH = 0.1  # [m] from the tool's frame, within which a load's centre of mass is likely
+DEVIATIONS = 8.0  # of its scatter at rest, from which on it counts as something new
+MISSED = 2.0  # of the scatter, which a load may leave as well
+LEAST_JOINTS = 5  # that can tell: four numbers of a load explain what four joints feel
+GRACE = 0.02  # [s] for which an arm that rested may move before that counts
+QUIET = 0.05  # [s] for which it has to be gone
+
+
+class ContactState(NamedTuple):
+    """What acts from outside, and what is thought of it."""
+
+    external: np.ndarray  # (nv,) [N m] on the arm
+    usual: np.ndarray  # (nv,) [N m] while it rested
+    scatter: np.ndarray  # (nv,) [N^2 m^2] mean square about that
+    rested: float  # [s] for how long the arm has been at its goal, at most `rest` and `GRACE`
+    since: float  # [s] for how long something new has acted; -1: nothing has
+    touching: bool  # whether that is a contact
+    gone: float  # [s] for how long it has been gone
+
+    @property
+    def acting(self) -> bool:
+        """Whether it touches something, or may: nothing is learned meanwhile."""
+        return self.since >= 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ContactDetector:
+    """Tells contacts from loads; see the module.
+
+    effort (nv,) [N m]: the limits; ``least`` of them counts as nothing. memory [s]: over which external
+    torque is averaged. rest [s]: for how long an arm has to rest before it notices. patience [s]: from the
+    first sign to the verdict. longest [s]: of a contact; what lasts longer is learned. misfit: the part of
+    what came that no load explains, above which it is a contact. Arms of fewer than five joints cannot tell.
+    """
+
+    regressors: Regressors
+    effort: np.ndarray
+    least: float = 0.01
+    memory: float = 0.01
+    rest: float = 0.1
+    patience: float = 0.04
+    longest: float = 10.0
+    misfit: float = 0.08
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effort", require_gain("effort", self.effort, self.regressors.robot.nv))
+        for name in ("least", "memory", "rest", "patience", "longest", "misfit"):
+            object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
+
+    def init(self) -> ContactState:
+        """Nothing acts."""
+        none = np.zeros(self.regressors.robot.nv)
+        return ContactState(none, none, none, 0.0, -1.0, False, 0.0)
+
+    def step(
+        self, state: ContactState, outside: np.ndarray, q: np.ndarray, arrived: bool, still: bool, dt: float
+    ) -> ContactState:
+        """A step of dt [s]: the external torque over it (nv,) [N m], the posture q (nq,), whether the arm is
+        at a goal that rests, and whether it stands still there."""
+        external = state.external - np.expm1(-dt / self.memory) * (outside - state.external)
+        state = state._replace(external=external)
+        if state.since < 0:
+            return self._resting(state, arrived, still, dt)
+        since = state.since + dt
+        if not state.touching:
+            if since < self.patience:
+                return state._replace(since=since)
+            touching = self.unlike_a_load(external - state.usual, q, state.scatter)
+            return state._replace(since=since if touching else -1.0, touching=touching, rested=0.0, gone=0.0)
+        gone = state.gone + dt if np.all(np.abs(external - state.usual) < self._nothing(state)) else 0.0
+        over = gone > QUIET or since > self.longest
+        return state._replace(since=-1.0 if over else since, touching=not over, gone=gone)
+
+    def unlike_a_load(self, came: np.ndarray, q: np.ndarray, scatter: np.ndarray) -> bool:
+        """Whether no mass near the tool explains an external torque (nv,) [N m] in a posture q (nq,), given
+        the mean square (nv,) of its errors."""
+        if len(came) < LEAST_JOINTS:
+            return False
+        weighed = -self.regressors.gravity(q) @ self._load / self.effort[:, None]
+        felt = came / self.effort
+        pull = weighed[:, 0]
+        mass = max(0.0, float(pull @ felt) / max(float(pull @ pull), np.finfo(float).tiny))
+        near = weighed[:, 1:] * (REACH * mass)
+        unit = self.misfit * float(np.linalg.norm(felt)) / np.sqrt(len(felt))
+        prior = np.concatenate([near, unit * np.eye(3)])  # the centre of mass is about that near
+        left = felt - pull * mass
+        columns = np.column_stack([np.concatenate([pull, np.zeros(3)]), prior])
+        more = np.linalg.lstsq(columns, np.concatenate([left, np.zeros(3)]), rcond=None)[0]
+        missed = left - pull * max(more[0], -mass) - near @ more[1:]
+        noise = float(np.linalg.norm(np.sqrt(scatter) / self.effort))
+        return float(np.linalg.norm(missed)) > self.misfit * float(np.linalg.norm(felt)) + MISSED * noise
+
+    def _resting(self, state: ContactState, arrived: bool, still: bool, dt: float) -> ContactState:
+        """The state while nothing new acts, or when it begins to."""
+        if not arrived:
+            return state._replace(rested=0.0)
+        apart = state.external - state.usual
+        if state.rested > self.rest and np.any(np.abs(apart) > self._nothing(state)):
+            return state._replace(since=0.0)
+        if not still:
+            return state._replace(rested=state.rested - dt if state.rested > self.rest else 0.0)
+        share = -np.expm1(-dt / self.rest)
+        usual = state.usual + share * apart if state.rested > 0 else state.external
+        scatter = state.scatter + share * (apart**2 - state.scatter) if state.rested > 0 else state.scatter
+        rested = min(state.rested + dt, self.rest + GRACE)
+        return state._replace(usual=usual, scatter=scatter, rested=rested)
+
+    def _nothing(self, state: ContactState) -> np.ndarray:
+        """(nv,) [N m] below which nothing is new."""
+        return np.maximum(self.least * self.effort, DEVIATIONS * np.sqrt(state.scatter))
+
+    @functools.cached_property
+    def _load(self) -> np.ndarray:
+        """(n_potential, 4) what m and m c of a load at the tool add to theta_U."""
+        effect = payload_regressor(self.regressors, self.regressors.robot.tool)
+        return effect[len(self.regressors) - self.regressors.n_potential :, :4]
