@@ -60,7 +60,7 @@ class ContactDetector:
     effort: np.ndarray
     least: float = 0.01
     memory: float = 0.01
-    rest: float = 0.1
+    rest: float = 0.2
     patience: float = 0.04
     longest: float = 10.0
     misfit: float = 0.08
