@@ -86,8 +86,9 @@ def report(
 WIDE: Any = {"sizing_mode": "stretch_width"}
 MEANING = (
     "<p>Settled: every joint's error stays below 1e-3 rad from then on. Steady error, torque ripple (peak to "
-    "peak, less its trend): the largest of the last second. θ: all gravity parameters. Drag a rectangle to "
-    "zoom, click a name in a legend to hide its line, hover over a line for its values.</p>"
+    "peak, less its trend): the largest of the last second. θ: all gravity parameters. Limits of speed and "
+    "range: the URDF's. Fault: a gate's; without a gate none is recorded. Drag a rectangle to zoom, click a "
+    "name in a legend to hide its line, hover over a line for its values.</p>"
 )
 
 

@@ -32,17 +32,21 @@ METRICS = (
 
 def metrics(records: Sequence[Record], labels: Sequence[str]) -> str:
     """Figures of merit, a row a record."""
-    shares = ["largest share of a torque limit", "of a speed limit"]
-    head = ["run", *(f"{name} [{unit}]" for name, unit in METRICS), *shares]
+    limits = ["largest share of a torque limit", "largest speed", "joint range", "fault"]
+    head = ["run", *(f"{name} [{unit}]" for name, unit in METRICS), *limits]
     rows = []
     for label, record in zip(labels, records, strict=True):
         with np.errstate(invalid="ignore"):
             share = np.nanmax(np.abs(record.tau) / record.effort_limit, initial=0.0)
         found = record.metrics()
-        figures = ["never" if np.isposinf(value) else figure(value) for value in found[: len(METRICS)]]
-        speed = "no limits" if math.isnan(found.peak_speed) else f"{found.peak_speed:.0%}"
-        rows.append([label, *figures, f"{share:.0%}" if share else "no limits", speed])
-    return table(head, rows, numbers=range(1, len(head)))
+        values = (
+            found.settling_time, found.steady_error, found.parameter_settling, found.chatter,
+            found.control_energy,
+        )  # fmt: skip
+        figures = ["never" if np.isposinf(value) else figure(value) for value in values]
+        said = [found.speed_said, found.range_said, found.faults_said]
+        rows.append([label, *figures, f"{share:.0%}" if share else "no limits", *said])
+    return table(head, rows, numbers=range(1, len(METRICS) + 2))
 
 
 def setup(record: Record) -> str:

@@ -22,7 +22,7 @@ from eladapt.robot.model import Robot
 from eladapt.robot.protocols import Goal
 from eladapt.safety.barrier import Barrier
 from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
-from eladapt.signals import Measurement, Reference
+from eladapt.signals import Fault, Measurement, Reference
 
 FAULTS = (
     "measurement", "watchdog", "frozen", "jump", "goal", "velocity", "joint limit", "error growth",
@@ -35,17 +35,6 @@ LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
 FAR = 1.0  # [rad or m] beyond its range no joint is where it is seen
 FASTEST = 1e3  # [rad/s] no arm turns at 10,000 rpm; where the URDF sets no limit, this one holds
 ROUNDING = 1e-9  # of max_age: steps of dt that sum up to it do not exceed it
-
-
-class Fault(NamedTuple):
-    """Why the gate does not let the controller's torque through any more."""
-
-    name: str  # one of FAULTS
-    t: float  # [s] by the robot's clock, as far as it is known
-    message: str
-
-    def __str__(self) -> str:
-        return f"{self.name} at t = {self.t:.4f} s: {self.message}"
 
 
 class GateState(NamedTuple):
