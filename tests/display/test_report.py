@@ -59,8 +59,9 @@ def test_metrics_are_those_of_the_record(record):
     text, found = tables.metrics([record], ["a <run>"]), record.metrics()
     for value in found[: len(tables.METRICS)]:
         assert f">{'never' if value == np.inf else tables.figure(value)}<" in text
+    limits = tables.limits([record], ["a <run>"])
     for said in (found.speed_said, found.range_said, found.faults_said):
-        assert f"<td>{tables.html.escape(said)}</td>" in text
+        assert f"<td>{tables.html.escape(said)}</td>" in limits
     assert "a &lt;run&gt;" in text, "a title cannot become markup"
 
 
@@ -70,10 +71,10 @@ def test_what_went_beyond_a_limit_is_said(record_of):
     fault = ea.Fault("velocity", 0.5, "'elbow_joint' at 4 rad/s")
     made = record_of("ur5", velocity_limit=np.full(6, 0.1), lower=robot.home + 0.1, upper=robot.upper,
                      q_index=np.arange(6), faults=(fault,))  # fmt: skip
-    text = tables.metrics([made], ["fast"])
+    text = tables.limits([made], ["fast"])
     for said in ("% of the limit, ", "above it for ", "left by ", "velocity at t = 0.5000 s"):
         assert said in text
-    assert tables.metrics([record_of("ur5")], ["old"]).count("not recorded") == 2
+    assert tables.limits([record_of("ur5")], ["old"]).count("not recorded") == 2
 
 
 def test_certificates_are_kept_and_shown(record, tmp_path):
