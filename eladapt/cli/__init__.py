@@ -123,7 +123,8 @@ def _parser() -> _Parser:
     run.add_argument("--duration", type=float, metavar="S",
                      help="of the run (default: the planned move and 1.5 s more, at least 4)")  # fmt: skip
     run.add_argument("--jump", action="store_true",
-                     help="let the set-point jump, instead of moving it within the arm's limits")  # fmt: skip
+                     help="let the set-point jump, instead of moving it within the arm's limits, and leave "
+                     "out the torque gate")  # fmt: skip
     run.add_argument(
         "--dt", type=float, default=1e-3, metavar="S", help="step of the controller (default: 0.001)"
     )

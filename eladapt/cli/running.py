@@ -16,9 +16,10 @@ from eladapt.control.composite import CompositeController
 from eladapt.control.reports import carried, friction
 from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_number, require_vector
 from eladapt.motion.motions import move
-from eladapt.motion.shaped import Shaped, ShapedState
+from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
+from eladapt.safety.gated import GatedController
 from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.run import simulate
@@ -41,7 +42,7 @@ def run(options: argparse.Namespace) -> None:
         raise ArgumentError(f"--duration: expected at least a step of {dt:g} s, got {duration:g} s")
     plant = _plant(robot, start, options)
     controller = CompositeController.for_robot(robot, dt)
-    stepped = controller if options.jump else Shaped(controller)
+    stepped = controller if options.jump else Shaped(GatedController.for_robot(controller, dt))
     title = robot.name + (f", {options.payload:g} kg" if options.payload is not None else "")
 
     options.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before the run
@@ -134,8 +135,10 @@ def _own_goal(robot: Robot) -> np.ndarray:
 
 
 def _inner(state: Any) -> Any:
-    """The controller's state."""
-    return state.inner if isinstance(state, ShapedState) else state
+    """The controller's own state, of whatever stands around it."""
+    while hasattr(state, "inner"):
+        state = state.inner
+    return state
 
 
 def _certified(record: Record, controller: CompositeController, dt: float) -> Record:
@@ -167,8 +170,9 @@ def _say(record: Record, controller: CompositeController) -> None:
     print(f"every joint below 1e-3 rad after {m.settling_time:.2f} s" if np.isfinite(m.settling_time)
           else f"not settled below 1e-3 rad after {record.t[-1]:g} s")  # fmt: skip
     print(f"steady error {m.steady_error:.1e} rad, torque ripple at rest {m.chatter:.1e} N m")
-    if np.isfinite(m.peak_speed):
-        print(f"fastest joint at {m.peak_speed:.0%} of its speed limit")
+    print(f"largest speed: {m.speed_said}")
+    print(f"joint range: {m.range_said}")
+    print(f"fault: {m.faults_said}")
     if record.carried is not None:
         load = carried(controller, record.final_state)
         print(f"load, as estimated: {load.mass:.4g} kg")

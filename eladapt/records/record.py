@@ -8,30 +8,21 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from eladapt.errors import ArgumentError, RecordError
 from eladapt.files import atomic_write
+from eladapt.records.metrics import Extreme, Metrics, chatter, furthest_beyond, largest_speed, settled
+from eladapt.signals import Fault
 
 FORMAT = 2
 ARRAYS = ("t", "q", "v", "tau", "goal", "error", "parameters", "effort_limit", "velocity_limit")
 OPTIONAL_ARRAYS = (
     "goal_velocity", "goal_acceleration", "delta", "zeta", "zeta_integral", "level", "innovation",
-    "excitation", "carried", "parameters_true", "parameters_true_course",
+    "excitation", "carried", "parameters_true", "parameters_true_course", "lower", "upper", "q_index",
 )  # fmt: skip
-
-
-class Metrics(NamedTuple):
-    """Figures of merit of a run."""
-
-    settling_time: float  # [s] from when on every |e_i| stays below the threshold; inf if it does not
-    steady_error: float  # [rad] largest |e_i| in the last second
-    parameter_settling: float  # [s] from when on every |theta error| stays below 1 %; nan if unknown
-    chatter: float  # [N m] largest peak-to-peak torque, less its trend, in the last second
-    control_energy: float  # [N^2 m^2 s] integral of |tau|^2
-    peak_speed: float  # [-] largest |v_i| as a part of the joint's limit; nan where no joint has one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +33,7 @@ class Record:
     arm at the end; where a load came or went, parameters_true_course has it sample by sample. The gravity
     parameters theta are the last ``n_potential`` ones. ``configuration`` says what made the record:
     controller, robot and versions, in plain JSON types. What is None was not there: a goal that stood still
-    has no velocity, and only some laws have Delta and zeta.
+    has no velocity, only some laws have Delta and zeta, and only a gate has faults.
     """
 
     t: np.ndarray  # (N,) [s]
@@ -72,6 +63,10 @@ class Record:
     innovation: np.ndarray | None = None  # (N,) what a regression said that nothing before it had
     excitation: np.ndarray | None = None  # (m, 1 + j) t [s], what is known of gravity, in [0, 1]
     carried: np.ndarray | None = None  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
+    lower: np.ndarray | None = None  # (nv,) [rad or m] of the joints' ranges, -inf where there is none
+    upper: np.ndarray | None = None  # (nv,) inf where there is none
+    q_index: np.ndarray | None = None  # (nv,) where a joint's coordinate stands in q
+    faults: tuple[Fault, ...] | None = None  # that a gate latched, in their order
     final_state: Any = None  # the controller's last; not saved
 
     def __len__(self) -> int:
@@ -125,26 +120,33 @@ class Record:
 
     def settling_time(self, threshold: float = 1e-3) -> float:
         """[s] from when on every |e_i| stays below ``threshold`` [rad]; inf if it does not."""
-        return _settled(self.t, np.abs(self.error).max(axis=1) < threshold)
+        return settled(self.t, np.abs(self.error).max(axis=1) < threshold)
 
     def parameter_settling(self, relative: float = 0.01) -> float:
         """[s] from when on every theta stays within ``relative`` of its true value."""
         bound = relative * np.abs(self.theta_true if self.theta_true is not None else np.nan)
-        return _settled(self.t, np.all(np.abs(self.theta_error) < bound, axis=1))
+        return settled(self.t, np.all(np.abs(self.theta_error) < bound, axis=1))
 
     def metrics(self, threshold: float = 1e-3) -> Metrics:
-        """Settling, steady error, chatter, energy and speed; ``threshold`` [rad]."""
-        last = self.t >= self.t[-1] - 1
-        known, limited = self.parameters_true is not None, np.isfinite(self.velocity_limit)
-        speed = np.abs(self.v[:, limited]) / self.velocity_limit[limited]
+        """Settling, steady error, chatter, energy, speed, range and faults; ``threshold`` [rad]."""
+        last, known = self.t >= self.t[-1] - 1, self.parameters_true is not None
         return Metrics(
             settling_time=self.settling_time(threshold),
             steady_error=float(np.abs(self.error[last]).max()),
             parameter_settling=self.parameter_settling() if known else float("nan"),
             chatter=chatter(self.t[last], self.tau[last]),
             control_energy=float(np.sum(self.tau**2) * self.dt),
-            peak_speed=float(speed.max()) if limited.any() else float("nan"),
+            speed=largest_speed(self.t, self.v, self.velocity_limit, self.dt, self.joint_names),
+            beyond=self._beyond(),
+            faults=self.faults,
         )
+
+    def _beyond(self) -> Extreme | None:
+        """Furthest beyond a joint's range; None where the ranges were not recorded."""
+        if self.q_index is None or self.lower is None or self.upper is None:
+            return None
+        x = self.q[:, self.q_index]
+        return furthest_beyond(self.t, x, self.lower, self.upper, self.dt, self.joint_names)
 
     def save(self, path: str | Path) -> Path:
         """Write one compressed .npz, first to a temporary name; returns its path."""
@@ -195,21 +197,7 @@ class Record:
             raise RecordError(f"{path}: lacks {', '.join(missing)}; make it again")
         for name in ("joint_names", "parameter_labels"):
             header[name] = tuple(header[name])
+        if header.get("faults") is not None:
+            header["faults"] = tuple(Fault(*fault) for fault in header["faults"])
         optional = dict.fromkeys(OPTIONAL_ARRAYS)
         return cls(**{**optional, **arrays, **header})
-
-
-def chatter(t: np.ndarray, tau: np.ndarray) -> float:
-    """[N m] the largest peak-to-peak torque of a joint over the samples, less a linear trend."""
-    if len(t) < 3:
-        return 0.0
-    design = np.column_stack([t - t.mean(), np.ones_like(t)])
-    trend = design @ np.linalg.lstsq(design, tau, rcond=None)[0]
-    return float(np.ptp(tau - trend, axis=0).max())
-
-
-def _settled(t: np.ndarray, inside: np.ndarray) -> float:
-    outside = np.flatnonzero(~inside)
-    if not len(outside):
-        return float(t[0])
-    return float("inf") if outside[-1] == len(t) - 1 else float(t[outside[-1] + 1])

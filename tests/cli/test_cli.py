@@ -177,6 +177,8 @@ def test_run_and_report_leave_what_they_say(tmp_path, monkeypatch, capsys):
     assert "Traceback" not in said.err
     assert re.search(r"every joint below 1e-3 rad after \d\.\d+ s", said.out)
     assert "load, as estimated: 0.5 kg" in said.out
+    for line in ("largest speed: no joint has a limit", "joint range: kept by every joint", "fault: none"):
+        assert f"\n{line}\n" in said.out
     record = ea.Record.load("out/two_link.npz")
     np.testing.assert_allclose(record.goal[0], [2, 1.5])
     assert record.configuration["plant"]["class"] == "MujocoPlant"
@@ -189,6 +191,20 @@ def test_run_and_report_leave_what_they_say(tmp_path, monkeypatch, capsys):
     assert "lambda_max((D_L + slope) dt M^-1)" in (tmp_path / "page.html").read_text("utf-8"), (
         "a certificate's row"
     )
+
+
+def test_a_run_says_what_became_of_the_limits(tmp_path, monkeypatch, capsys):
+    """Behind the gate a fault, its kind and when; with --jump no gate, and a speed beyond the limit."""
+    monkeypatch.chdir(tmp_path)
+    line = "run asr_twodof --duration 0.2 --no-certificates "
+    assert main((line + "--noise 0.1").split()) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"\nfault: jump at t = 0\.0\d+ s: no trusted measurement", said)
+    assert ea.Record.load("out/asr_twodof.npz").faults[0].name == "jump"
+    assert main((line + "--jump").split()) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"\nlargest speed: 3\d\d% of the limit, J2 at 0\.00\d s, above it for 0\.\d+ s\n", said)
+    assert "\nfault: not recorded\n" in said
 
 
 def test_a_run_that_diverges_keeps_what_happened(tmp_path, monkeypatch, capsys):

@@ -136,6 +136,7 @@ def test_a_fault_is_held_for_a_while_and_ends_the_loop():
     result = ea.run_loop(controller, Blind(plant), goal, 5.0, DT, after_fault=0.1)
     assert result.ended == "fault"
     assert result.fault.name == "measurement"
+    assert result.record.faults == (result.fault,)
     t, late = result.record.t, result.record.t > 0.2 + DT / 2
     assert np.allclose(np.diff(t), DT)
     assert np.isfinite(result.record.q[~late]).all()
