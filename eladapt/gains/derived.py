@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number
+from eladapt.errors import ArgumentError, UnknownNameError, printable, require_gain, require_number
 from eladapt.estimation.adaptation import RESOLVED
 from eladapt.gains.extremes import Mode, adaptation_mode, configurations, effort, extremes, fall_mode
 from eladapt.gains.rules import Rule, rules_table, shown
@@ -236,5 +236,5 @@ def _by_joint(robot: Robot, masks: Mapping[str, np.ndarray]) -> str:
         if mask.all():
             return f"{text}: all joints"
         if mask.any():
-            parts.append(f"{text}: {', '.join(np.array(robot.joint_names)[mask])}")
+            parts.append(f"{text}: {', '.join(map(printable, np.array(robot.joint_names)[mask]))}")
     return "; ".join(parts)

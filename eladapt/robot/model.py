@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -39,7 +40,8 @@ from eladapt.robot.reading import (
 )
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
-from eladapt.urdf.checks import check_mimics, check_model, check_urdf
+from eladapt.urdf.assets import MeshUse, set_meshes_aside
+from eladapt.urdf.checks import check_mimics, check_model, check_urdf, read_urdf
 from eladapt.urdf.mending import mend as mended
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
@@ -278,19 +280,22 @@ class Robot:
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
         return self.configuration(rng.uniform(lower, upper))
 
-    def visual_model(self) -> pin.GeometryModel:
-        """The URDF's visuals, attached to the joints that are left. Raises UrdfError."""
+    def visual_model(self) -> tuple[pin.GeometryModel, dict[str, MeshUse]]:
+        """The URDF's visuals, attached to the joints that are left, and the meshes among them by name.
+
+        A box stands for a mesh: no mesh file is opened here. Raises UrdfError.
+        """
+        document = read_urdf(self.path)
+        uses = set_meshes_aside(document)
         full = read_model(self.path)
         try:
-            visuals = pin.buildGeomFromUrdf(
-                full, str(self.path), pin.VISUAL, package_dirs=list(self.package_dirs)
-            )
+            visuals = pin.buildGeomFromUrdfString(full, ElementTree.tostring(document, "unicode"), pin.VISUAL)
         except ValueError as reason:
             raise UrdfError(self.path, [library.unreadable(reason)]) from reason
-        if not self.locked:
-            return visuals
-        ids = [full.getJointId(name) for name in self.locked]
-        return pin.buildReducedModel(full, visuals, ids, clipped_neutral(full))[1]
+        if self.locked:
+            ids = [full.getJointId(name) for name in self.locked]
+            visuals = pin.buildReducedModel(full, visuals, ids, clipped_neutral(full))[1]
+        return visuals, uses
 
     @property
     def source(self) -> dict[str, Any]:
@@ -317,11 +322,14 @@ class Robot:
 
     @classmethod
     def from_source(cls, source: Mapping[str, Any]) -> Robot:
-        """The inverse of `source`."""
+        """The inverse of `source`. Raises ArgumentError for what is none, and what `from_urdf` raises."""
         if "load" in source:
             return cls.load(source["load"])
         options = dict(source)
-        return cls.from_urdf(options.pop("urdf"), **options)
+        try:
+            return cls.from_urdf(options.pop("urdf"), **options)
+        except (TypeError, KeyError, AttributeError) as reason:  # it may be in a record from somebody else
+            raise ArgumentError(f"source: expected what Robot.source gives, got {source!r}") from reason
 
     def check_q(self, q: np.ndarray, name: str = "q") -> np.ndarray:
         """q as a finite (nq,) vector on the configuration space; raises ArgumentError."""

@@ -51,9 +51,7 @@ def read_urdf(path: str | Path) -> Element:
     """
     path = Path(path)
     root = _parse_xml(path, _read_bytes(path))
-    namespace = root.tag[: root.tag.find("}") + 1]
     for element in root.iter():
-        element.tag = element.tag.removeprefix(namespace)
         for held in NUMBERS.get(element.tag, ()):  # blanks around numbers, tabs between, that others read
             if (text := element.get(held.attribute)) is not None:
                 element.set(held.attribute, " ".join(text.split()))
@@ -156,7 +154,7 @@ def _as_utf8(text: bytes) -> bytes:
 
 
 def _parse_xml(path: Path, text: bytes) -> Element:
-    depth, count, macros = 0, 0, set()
+    depth, count, macros, plain = 0, 0, set[str](), set[str]()
     try:
         text = _as_utf8(text)
         events = iterparse(io.BytesIO(text), events=("start", "end", "start-ns"), forbid_dtd=True)
@@ -165,6 +163,8 @@ def _parse_xml(path: Path, text: bytes) -> Element:
                 prefix, namespace = element
                 if "xacro" in prefix:
                     macros.add(f"{{{namespace}}}")
+                elif not prefix:  # readers of robot files know no namespaces, and see a plain name
+                    plain.add(f"{{{namespace}}}")
                 continue
             depth += 1 if event == "start" else -1
             count += event == "start"
@@ -183,10 +183,13 @@ def _parse_xml(path: Path, text: bytes) -> Element:
             remedy = "Declare the prefix on <robot>; if it is xacro, expand the file to plain URDF first"
         raise _refusal(path, "file", str(reason), "expected XML", remedy) from reason
     root: Element = events.root
+    plain.add(root.tag[: root.tag.find("}") + 1])
     for part in root.iter():  # by its prefix, whatever namespace that stands for
-        namespace, _, name = part.tag.rpartition("}")
-        if f"{namespace}}}" in macros:
-            part.tag = f"{{xacro}}{name}"
+        start = part.tag.find("}") + 1
+        if part.tag[:start] in macros:
+            part.tag = f"{{xacro}}{part.tag[start:]}"
+        elif part.tag[:start] in plain:
+            part.tag = part.tag[start:]
     return root
 
 

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -233,6 +234,68 @@ def test_live_shows_the_run_while_it_goes_on(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["run", "two_link", "--live", "--duration", "0.2", "--no-certificates"]) == 0
     assert "The arm can be seen at http://127.0.0.1:" in capsys.readouterr().out
+
+
+LINK = """<link name="{0}"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
+<inertia ixx="0.03" iyy="0.04" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{1}" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>"""
+# An 8-bit and a 7-bit command for the terminal, a bell, and letters that run from right to left.
+STEERING = "J\u009b31m\x1b]0;owned\x07\u202etxt\u2066"
+
+
+def named(folder, name, joint="j1"):
+    """The path of an arm with these names."""
+    path = folder / "arm.urdf"
+    text = f'<robot name="{name}"><link name="base"/>{LINK.format("l1")}{JOINT}</robot>'
+    path.write_text(text.replace("{1}", joint), encoding="utf-8")
+    return path
+
+
+def steers(text):
+    return any(not letter.isprintable() for letter in text.replace("\n", ""))
+
+
+def test_no_name_or_path_steers_the_terminal(tmp_path, monkeypatch, capsys):
+    """What a URDF, a record and the command itself name is shown with its commands spelt out."""
+    monkeypatch.chdir(tmp_path)
+    legal = "".join(letter for letter in STEERING if letter > "\x1f") + "&#10;"  # XML has no others
+    main(["check", str(named(tmp_path, "arm" + legal, legal))])
+    main(["run", "arm.urdf", "--duration", "0.05", "--no-certificates"])
+    main(["run", "arm.urdf", "--goal", "9"])
+    main(["check", str(named(tmp_path, "arm", '" type="fixed'))])
+    main(["check", f"{STEERING}.urdf"])
+    record = ea.Record.load(next((tmp_path / "out").glob("*.npz")))
+    record.robot_source["urdf"] = f"/{STEERING}.urdf"
+    record.save(f"{STEERING}.npz")
+    main(["report", f"{STEERING}.npz"])
+    main(["report", f"{STEERING}.csv"])
+    with pytest.raises(SystemExit):
+        main(["report", f"--{STEERING}"])
+    said = capsys.readouterr()
+    assert "J\\x9b31m]0;owned\\u202etxt\\u2066\\n" in said.out
+    assert "\\x1b]0;owned" in said.err
+    assert not steers(said.out)
+    assert not steers(said.err)
+
+
+def test_all_that_is_printed_is_shown():
+    """The commands print by `say` alone."""
+    folder = Path(ea.__file__).parent / "cli"
+    printing = [
+        path.name for path in folder.glob("*.py") if re.search(r"(?<![\w.])print\(", path.read_text())
+    ]
+    assert printing == ["saying.py"]
+
+
+@pytest.mark.parametrize(("name", "stem"), [(".", "robot"), ("../../up", "up")])
+def test_files_stay_in_the_folder_asked_for(tmp_path, name, stem):
+    out = tmp_path / "x" / "out"
+    urdf = named(tmp_path, name)
+    assert main(["run", str(urdf), "--duration", "0.01", "--no-certificates", "--out", str(out)]) == 0
+    assert os.listdir(tmp_path / "x") == ["out"]
+    assert sorted(os.listdir(out)) == [f"{stem}.{suffix}" for suffix in ("html", "npz", "png")]
+    assert sorted(os.listdir(tmp_path)) == ["arm.urdf", "x"]
 
 
 @pytest.mark.slow

@@ -211,14 +211,16 @@ def test_a_record_cannot_be_live(record_of, robot, tmp_path):
         ea.view(robot)
 
 
-def test_the_server_ends_with_the_process_that_started_it():
-    """Also if that is killed, and cannot say goodbye."""
-    program = """import eladapt as ea, os, signal
+@pytest.mark.parametrize("forked", ["", "if not os.fork(): time.sleep(15); os._exit(0)"])
+def test_the_server_ends_with_the_process_that_started_it(forked):
+    """Also if that is killed, and cannot say goodbye, and if a process forked from it lives on."""
+    program = f"""import eladapt as ea, os, signal, time
 live = ea.view(ea.Robot.load("two_link"), live=True)
 print(live._server.pid, flush=True)
+{forked}
 os.kill(os.getpid(), signal.SIGKILL)"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
-    server = int(done.stdout.split()[-1])
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as started:
+        _, server = started.stdout.readline(), int(started.stdout.readline())  # where it is seen comes first
     for _ in range(100):
         if not psutil.pid_exists(server) or psutil.Process(server).status() == psutil.STATUS_ZOMBIE:
             return

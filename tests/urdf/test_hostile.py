@@ -104,6 +104,11 @@ FILES = {
     "mesh behind a link": (meshed("link/passwd"), "lies outside"),
     "mesh of a device": (meshed("/dev/zero"), "lies outside"),
     "mesh without a name": (meshed(""), "names no file"),
+    "mesh in a namespace of its own": (meshed('/etc/passwd" xmlns="u'), "lies outside"),
+    "visual in a namespace of its own": (
+        changed(("<visual>", '<visual xmlns="u">'), (ROD, '<mesh filename="/etc/passwd"/>')),
+        "lies outside",
+    ),
     "texture above the folder": (
         changed(
             (
