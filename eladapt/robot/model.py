@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
@@ -28,17 +29,16 @@ from eladapt.errors import (
 from eladapt.robot import library
 from eladapt.robot.reading import (
     clipped_neutral,
-    coupled_too,
     frame_index,
     last_body,
     lock,
-    matching_joints,
     published_limits,
     read_model,
     velocity_index,
 )
 from eladapt.signals import Measurement, Reference
-from eladapt.urdf.checks import check_mimics, check_model, check_urdf
+from eladapt.urdf.checks import check_model, check_urdf, read_urdf
+from eladapt.urdf.holding import hold
 from eladapt.urdf.mending import mend as mended
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
@@ -118,11 +118,8 @@ class Robot:
         that does not exist.
         """
         path = Path(path)
-        check_urdf(path, package_dirs)
-        full = read_model(path)
-        locked_names = matching_joints(full, coupled_too(path, locked, full))
-        check_mimics(path, locked_names)
-        model = lock(full, locked_names)
+        checked = check_urdf(path, package_dirs, locked)
+        model, _ = lock(read_model(checked.root, path), checked.locked)
         for joint, inertia in (armature or {}).items():
             model.armature[velocity_index(model, joint)] = inertia
         if gravity is not None:
@@ -139,7 +136,7 @@ class Robot:
             name=name or model.name,
             path=path.resolve(),
             package_dirs=tuple(str(Path(folder).resolve()) for folder in package_dirs),
-            locked=tuple(locked_names),
+            locked=checked.locked,
             tool=tool or last_body(model),
             zero_parameters=tuple(zero_parameters),
             published=published_limits(published or {}, model.nv),
@@ -281,19 +278,23 @@ class Robot:
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
         return self.configuration(rng.uniform(lower, upper))
 
+    def document(self) -> Element:
+        """The URDF's <robot> element, read again, as dynamics have it: with the locked joints held."""
+        root = read_urdf(self.path)
+        hold(root, self.locked)
+        return root
+
     def visual_model(self) -> pin.GeometryModel:
         """The URDF's visuals, attached to the joints that are left. Raises UrdfError."""
-        full = read_model(self.path)
+        document = self.document()
+        full = read_model(document, self.path)
         try:
             visuals = pin.buildGeomFromUrdf(
                 full, str(self.path), pin.VISUAL, package_dirs=list(self.package_dirs)
             )
         except ValueError as reason:
             raise UrdfError(self.path, [library.unreadable(reason)]) from reason
-        if not self.locked:
-            return visuals
-        ids = [full.getJointId(name) for name in self.locked]
-        return pin.buildReducedModel(full, visuals, ids, clipped_neutral(full))[1]
+        return lock(full, self.locked, visuals)[1]
 
     @property
     def source(self) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
@@ -22,8 +23,9 @@ from defusedxml.ElementTree import iterparse
 
 from eladapt.errors import Finding, UrdfError
 from eladapt.urdf.assets import file_findings
+from eladapt.urdf.holding import held_joints, hold
 from eladapt.urdf.numbers import NUMBERS, number_findings, parts
-from eladapt.urdf.tree import MOVING, joints, listed, mimics, names, tree
+from eladapt.urdf.tree import joints, listed, mimics, names, tree
 
 # Published robots reach 0.2 MB, depth 7 and 129 joints. Pinocchio's reader recurses along a chain and kills
 # the process at the end of the stack: measured between 200 and 250 joints on 512 KiB (a thread's, on some
@@ -66,42 +68,35 @@ def read_urdf(path: str | Path) -> Element:
     return root
 
 
-def check_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> None:
+class Checked(NamedTuple):
+    """A robot file that was found sound: its <robot> element, and the joints in it that are held."""
+
+    root: Element
+    locked: tuple[str, ...]
+
+
+def check_urdf(
+    path: str | Path, package_dirs: Sequence[str | Path] = (), locked: Iterable[str] = ()
+) -> Checked:
     """Refuse a URDF that is not a fixed-base tree of 1-DoF joints with finite numbers throughout.
 
-    Meshes and textures may come from the URDF's own folder and from ``package_dirs``, links resolved. Raises
-    UrdfError with every fault found; each names the element, the value and what to do.
+    ``locked`` names the joints that are held, see `held_joints`; they are judged as such, and the element
+    that is returned has them as `hold` leaves them. Meshes and textures may come from the URDF's own folder
+    and from ``package_dirs``, links resolved. Raises UnknownNameError, and UrdfError with every fault found;
+    each names the element, the value and what to do.
     """
     root = read_urdf(path)
-    findings = list(_unexpanded(root))
-    if not findings:  # what else such a file holds is not what it will hold
-        findings = [
-            *names(root), *joints(root), *tree(root), *mimics(root), *number_findings(root),
-            *file_findings(root, Path(path), package_dirs),
-        ]  # fmt: skip
+    if unexpanded := list(_unexpanded(root)):  # what else such a file holds is not what it will hold
+        raise UrdfError(path, unexpanded)
+    held = held_joints(root, locked)
+    hold(root, held)
+    findings = [
+        *names(root), *joints(root), *tree(root), *mimics(root), *number_findings(root),
+        *file_findings(root, Path(path), package_dirs),
+    ]  # fmt: skip
     if findings:
         raise UrdfError(path, findings)
-
-
-def check_mimics(path: str | Path, locked: Iterable[str]) -> None:
-    """Refuse joints that follow another one, unless they are locked: they would be left free."""
-    locked, coupled = set(locked), coupled_joints(path)
-    free = [name for name in coupled if name not in locked]
-    remedy = f"Lock {listed(free)}, or all that are coupled: locked=['mimic']"
-    problem = "a coupled joint has no torque of its own"
-    findings = [Finding(f'joint "{name}"', f"mimics {coupled[name]!r}", problem, remedy) for name in free]
-    if findings:
-        raise UrdfError(path, findings)
-
-
-def coupled_joints(path: str | Path) -> dict[str, str]:
-    """The moving joints that follow another one, and which."""
-    found = {}
-    for joint in read_urdf(path).findall("joint"):
-        mimic = joint.find("mimic")
-        if mimic is not None and joint.get("type") in MOVING:
-            found[joint.get("name", "")] = mimic.get("joint", "")
-    return found
+    return Checked(root, held)
 
 
 def check_model(model: pin.Model, path: str | Path) -> None:
