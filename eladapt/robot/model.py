@@ -40,6 +40,7 @@ from eladapt.signals import Measurement, Reference
 from eladapt.urdf.checks import check_model, check_urdf, read_urdf
 from eladapt.urdf.holding import hold
 from eladapt.urdf.mending import mend as mended
+from eladapt.urdf.sizes import misplaced_masses
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 DOUBLE = np.dtype(float)
@@ -144,6 +145,8 @@ class Robot:
             home=home,
             target=home if target is None else require_vector("target", target, model.nv),
         )
+        for told in misplaced_masses(checked.root, checked.locked):
+            warnings.warn(f"{path.name}: {told}", UnitsWarning, stacklevel=2)
         robot._warn_of_units()
         return robot
 

@@ -1,4 +1,4 @@
-"""Joints that are held still: which they are, and a file in which what no longer matters of them is settled."""
+"""Joints that are held still: which they are, what of them no longer matters, and what moves all the same."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement
 
 from eladapt.errors import UnknownNameError
-from eladapt.urdf.tree import MOVING
+from eladapt.urdf.tree import MOVING, child_value
 
 MIMIC = "mimic"
 SEVERAL = ("floating", "planar")  # of several degrees of freedom: held, they are fixed joints
@@ -57,3 +57,20 @@ def hold(root: Element, names: Iterable[str]) -> None:
         for limit in limits:
             limit.set("effort", "0")
             limit.set("velocity", "0")
+
+
+def moving_links(root: Element, held: Iterable[str]) -> list[Element]:
+    """The links that move with a joint that is not held, in the file's order; ``root``: a tree."""
+    held = set(held)
+    above = {}
+    for joint in root.findall("joint"):
+        parent, child = (child_value(joint, end, "link", "") for end in ("parent", "child"))
+        above[child] = parent, joint.get("type") in MOVING and joint.get("name") not in held
+    moving = []
+    for link in root.findall("link"):
+        name, moves = link.get("name", ""), False
+        while name in above and not moves:
+            name, moves = above[name]
+        if moves:
+            moving.append(link)
+    return moving

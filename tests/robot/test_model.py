@@ -12,7 +12,7 @@ import eladapt as ea
 from eladapt.errors import ArgumentError, UnitsWarning, UnknownNameError, UrdfError
 from eladapt.robot.library import entry
 
-LINK = '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'  # noqa: E501
+LINK = '<link name="{0}"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>'  # noqa: E501
 JOINT = (
     '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><axis xyz="0 1 0"/>'
     '<origin xyz="0.3 0 0"/><limit effort="{4}" velocity="0" lower="{5}" upper="{6}"/>{7}</joint>'
