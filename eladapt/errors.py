@@ -95,6 +95,10 @@ class MendedWarning(UserWarning):
     """A body of a robot file that was given the nearest physical inertia."""
 
 
+class AssumedWarning(UserWarning):
+    """What a robot file does not say, that its dynamics need, and that was assumed."""
+
+
 class UnitsWarning(UserWarning):
     """A robot file whose numbers fit no arm, as in grams and millimetres."""
 

@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from eladapt.errors import (
     ArgumentError,
+    AssumedWarning,
     MendedWarning,
     UnitsWarning,
     UnknownNameError,
@@ -36,6 +37,7 @@ from eladapt.robot.reading import (
     read_model,
     velocity_index,
 )
+from eladapt.robot.rotors import assume_rotors
 from eladapt.signals import Measurement, Reference
 from eladapt.urdf.checks import check_model, check_urdf, read_urdf
 from eladapt.urdf.holding import hold
@@ -107,8 +109,9 @@ class Robot:
 
         Locked joints stay at their neutral position, clipped to their limits; "mimic" stands for all
         that follow another joint. ``gravity`` [m/s^2] is that of the base's frame: (0, 0, 9.81) for
-        an arm that hangs from the ceiling. ``armature`` maps
-        joint names to rotor inertias [kg m^2]. ``zero_parameters`` are standard parameters that
+        an arm that hangs from the ceiling. ``armature`` maps joint names to rotor inertias [kg m^2]; a
+        joint that turns no inertia and is given none gets an assumed one, with a warning, see
+        `assume_rotors`. ``zero_parameters`` are standard parameters that
         symmetry makes zero, as "my(elbow)" for the body behind that joint: `Regressors` then has no
         column for them. ``published`` are limits that the maker gives beside the URDF, a positive
         number a joint, velocity, acceleration, jerk or torque_rate; motions and the torque gate keep to them.
@@ -127,6 +130,8 @@ class Robot:
             model.gravity = pin.Motion(require_vector("gravity", gravity, 3), np.zeros(3))
         for change in mended(model) if mend else ():
             warnings.warn(f"{path.name}, mended: {change}", MendedWarning, stacklevel=2)
+        for rotor in assume_rotors(model):
+            warnings.warn(f"{path.name}: {rotor}", AssumedWarning, stacklevel=2)
         check_model(model, path)
         if tool is not None:
             frame_index(model, tool)

@@ -225,21 +225,26 @@ def _body(model: pin.Model, joint: int) -> Iterator[Finding]:
             yield Finding(label, value, problem, remedy)
 
 
-def _mass_matrix(model: pin.Model) -> Iterator[Finding]:
-    data, names, rng = model.createData(), list(model.names)[1:], np.random.default_rng(0)
+def idle_joints(model: pin.Model) -> dict[int, float]:
+    """The joints that turn mass but, in some posture, no inertia [kg m^2], by their place in v."""
     least = np.array([inertia.mass for inertia in model.inertias])[1:] * LEAST_GYRATION**2
+    diagonals = [np.diag(mass_matrix) for mass_matrix in _mass_matrices(model)]
+    smallest = np.min(diagonals, axis=0)
+    return {int(i): float(smallest[i]) for i in np.flatnonzero((smallest <= least) & (least > 0))}
+
+
+def _mass_matrix(model: pin.Model) -> Iterator[Finding]:
+    names = list(model.names)[1:]
+    if idle := idle_joints(model):
+        for i, diagonal in idle.items():
+            value, problem = f"{diagonal:.2g} kg m^2 about its axis", "it turns no inertia"
+            remedy = "Give the links it moves moments of inertia, or the joint an effort limit or an armature"
+            yield Finding(f'joint "{names[i]}"', value, problem, remedy)
+        return
     smallest, motion = math.inf, np.zeros(model.nv)
-    for _ in range(POSTURES):
-        q = pin.integrate(model, pin.neutral(model), rng.uniform(-math.pi, math.pi, model.nv))
-        mass_matrix = pin.crba(model, data, q)
-        diagonal = np.diag(mass_matrix)
-        if (diagonal <= least).any():
-            for i in np.flatnonzero(diagonal <= least):
-                value, problem = f"{diagonal[i]:.2g} kg m^2 about its axis", "it turns no inertia"
-                remedy = "Give the links it moves moments of inertia, or the joint an armature"
-                yield Finding(f'joint "{names[i]}"', value, problem, remedy)
-            return
-        values, vectors = np.linalg.eigh(mass_matrix / np.sqrt(np.outer(diagonal, diagonal)))
+    for mass_matrix in _mass_matrices(model):
+        scale = np.sqrt(np.diag(mass_matrix))
+        values, vectors = np.linalg.eigh(mass_matrix / np.outer(scale, scale))
         if values[0] < smallest:
             smallest, motion = values[0], np.abs(vectors[:, 0])
     if smallest < SINGULAR:
@@ -247,3 +252,11 @@ def _mass_matrix(model: pin.Model) -> Iterator[Finding]:
         value = f"smallest eigenvalue of the scaled mass matrix {smallest:.2g}"
         problem, remedy = "they can move together and move no inertia", "Give the links between them inertia"
         yield Finding(f"joints {moved}", value, problem, remedy)
+
+
+def _mass_matrices(model: pin.Model) -> Iterator[np.ndarray]:
+    """M(q) (nv, nv) in the postures in which it is judged."""
+    data, rng = model.createData(), np.random.default_rng(0)
+    for _ in range(POSTURES):
+        q = pin.integrate(model, pin.neutral(model), rng.uniform(-math.pi, math.pi, model.nv))
+        yield np.reshape(pin.crba(model, data, q), (model.nv, model.nv))
