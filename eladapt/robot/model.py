@@ -43,6 +43,7 @@ from eladapt.urdf.checks import check_model, check_urdf, read_urdf
 from eladapt.urdf.holding import hold
 from eladapt.urdf.mending import mend as mended
 from eladapt.urdf.sizes import misplaced_masses
+from eladapt.urdf.weighing import add_inertials, weigh
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 DOUBLE = np.dtype(float)
@@ -70,6 +71,8 @@ class Robot:
     # What the maker publishes beside the URDF, (nv,) each: any of `robot.reading.PUBLISHED`.
     published: Mapping[str, np.ndarray] = field(default_factory=dict)
     mend: bool = False  # whether bodies that are not physical were mended when the file was read
+    density: float | None = None  # [kg/m^3] of links that were weighed by their shapes
+    weighed: Mapping[str, pin.Inertia] = field(default_factory=dict)  # those links, each in its own frame
     _data: pin.Data = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -78,7 +81,8 @@ class Robot:
     def __repr__(self) -> str:
         ends = self.joint_names if self.nv < 3 else (self.joint_names[0], self.joint_names[-1])
         joints = (" ... " if self.nv > 2 else ", ").join(repr(name[:40]) for name in ends)
-        return f"Robot({self.name[:40]!r}, {self.nv} joints: {joints}, tool {self.tool[:40]!r})"
+        weighed = f", weighed at {self.density:g} kg/m^3: {len(self.weighed)}" if self.weighed else ""
+        return f"Robot({self.name[:40]!r}, {self.nv} joints: {joints}, tool {self.tool[:40]!r}{weighed})"
 
     def __getstate__(self) -> dict[str, Any]:
         """What a pickle holds: all but Pinocchio's scratch, ten times the size of the rest, and copies."""
@@ -104,6 +108,7 @@ class Robot:
         published: Mapping[str, Sequence[float] | np.ndarray] | None = None,
         gravity: Sequence[float] | np.ndarray | None = None,
         mend: bool = False,
+        density: float | None = None,
     ) -> Robot:
         """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
 
@@ -117,12 +122,18 @@ class Robot:
         number a joint, velocity, acceleration, jerk or torque_rate; motions and the torque gate keep to them.
         ``home`` defaults to the neutral posture, clipped to the limits, and ``target`` to home.
         ``mend`` takes the nearest physical inertia for bodies whose principal moments no body has, and
-        warns of each change; without it they are refused.
+        warns of each change; without it they are refused. ``density`` [kg/m^3] weighs moving links that have
+        no <inertial> by their shapes, see `weigh`.
         Raises UrdfError with every fault found, and UnknownNameError for a joint, frame or limit
         that does not exist.
         """
         path = Path(path)
         checked = check_urdf(path, package_dirs, locked)
+        weighed = {}
+        if density is not None:
+            density = require_number("density", density, 0)
+            weighed = weigh(checked.root, checked.locked, density, path, package_dirs)
+            add_inertials(checked.root, weighed)
         model, _ = lock(read_model(checked.root, path), checked.locked)
         for joint, inertia in (armature or {}).items():
             model.armature[velocity_index(model, joint)] = inertia
@@ -147,6 +158,8 @@ class Robot:
             zero_parameters=tuple(zero_parameters),
             published=published_limits(published or {}, model.nv),
             mend=mend,
+            density=density,
+            weighed=weighed,
             home=home,
             target=home if target is None else require_vector("target", target, model.nv),
         )
@@ -287,9 +300,10 @@ class Robot:
         return self.configuration(rng.uniform(lower, upper))
 
     def document(self) -> Element:
-        """The URDF's <robot> element, read again, as dynamics have it: with the locked joints held."""
+        """The URDF's <robot> element, read again, with locked joints held and links weighed."""
         root = read_urdf(self.path)
         hold(root, self.locked)
+        add_inertials(root, self.weighed)
         return root
 
     def visual_model(self) -> pin.GeometryModel:
@@ -324,6 +338,7 @@ class Robot:
             "target": self.target.tolist(),
             "gravity": self.model.gravity.linear.tolist(),
             "mend": self.mend,
+            "density": self.density,
             "published": {name: limit.tolist() for name, limit in self.published.items()},
         }
 

@@ -210,7 +210,10 @@ def _body(model: pin.Model, joint: int) -> Iterator[Finding]:
     if not np.isfinite(inertia.toDynamicParameters()).all():
         yield Finding(label, f"inertia {inertia.toDynamicParameters()}", "not finite", "Mend its <inertial>")
     elif inertia.mass <= 0:
-        remedy = "Give one of its links an <inertial> with mass, or make the joint fixed"
+        remedy = (
+            "Give one of its links an <inertial> with mass, or a shape and density= [kg/m^3] (--density) to "
+            "weigh it by; or make the joint fixed"
+        )
         yield Finding(label, f"mass {inertia.mass:g} kg", "a moving body needs mass", remedy)
     else:
         moments = np.linalg.eigvalsh(inertia.inertia)
