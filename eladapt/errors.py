@@ -99,6 +99,10 @@ class AssumedWarning(UserWarning):
     """What a robot file does not say, that its dynamics need, and that was assumed."""
 
 
+class MeshWarning(UserWarning):
+    """A mesh that is not drawn, and why."""
+
+
 class UnitsWarning(UserWarning):
     """A robot file whose numbers fit no arm, as in grams and millimetres."""
 

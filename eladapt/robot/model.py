@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -21,6 +22,7 @@ from eladapt.errors import (
     ArgumentError,
     AssumedWarning,
     MendedWarning,
+    MeshWarning,
     UnitsWarning,
     UnknownNameError,
     UrdfError,
@@ -32,6 +34,7 @@ from eladapt.robot.reading import (
     clipped_neutral,
     frame_index,
     last_body,
+    leave_meshes_out,
     lock,
     published_limits,
     read_model,
@@ -128,7 +131,7 @@ class Robot:
         that does not exist.
         """
         path = Path(path)
-        checked = check_urdf(path, package_dirs, locked)
+        checked = check_urdf(path, locked)
         weighed = {}
         if density is not None:
             density = require_number("density", density, 0)
@@ -307,13 +310,18 @@ class Robot:
         return root
 
     def visual_model(self) -> pin.GeometryModel:
-        """The URDF's visuals, attached to the joints that are left. Raises UrdfError."""
+        """The URDF's visuals, attached to the joints that are left, without the meshes that cannot be drawn.
+
+        Warns of those, by MeshWarning: foreign, broken or nowhere. Raises UrdfError.
+        """
         document = self.document()
+        refused, loader = leave_meshes_out(document, self.path, self.package_dirs)
+        if refused:
+            warnings.warn(f"{self.path}: drawn without {'; '.join(refused)}", MeshWarning, stacklevel=2)
         full = read_model(document, self.path)
+        text = ElementTree.tostring(document, "unicode")
         try:
-            visuals = pin.buildGeomFromUrdf(
-                full, str(self.path), pin.VISUAL, package_dirs=list(self.package_dirs)
-            )
+            visuals = pin.buildGeomFromUrdfString(full, text, pin.VISUAL, mesh_loader=loader)
         except ValueError as reason:
             raise UrdfError(self.path, [library.unreadable(reason)]) from reason
         return lock(full, self.locked, visuals)[1]

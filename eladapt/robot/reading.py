@@ -7,11 +7,14 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import UnknownNameError, UrdfError, require_gain
 from eladapt.robot import library
+from eladapt.urdf.assets import located
+from eladapt.urdf.numbers import label_of, parse
 
 LINK = "\x1f"  # after a name: a character that no XML file can have
 PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
@@ -32,6 +35,29 @@ def read_model(document: Element, path: Path) -> pin.Model:
         return pin.buildModelFromXML(ElementTree.tostring(document, "unicode"))
     except (RuntimeError, ValueError) as reason:
         raise UrdfError(path, [library.unreadable(reason)]) from reason
+
+
+def leave_meshes_out(
+    document: Element, urdf: Path, package_dirs: Sequence[str | Path]
+) -> tuple[list[str], coal.MeshLoader]:
+    """Name each visual mesh by its place, in place, and take out what may not be opened or cannot be read.
+
+    Returns what was taken out, each with the reason, and the loader that has read the others.
+    """
+    loader, refused = coal.CachedMeshLoader(coal.BV_OBBRSS), []
+    for link in document.findall("link"):
+        for visual in link.findall("visual"):
+            if (mesh := visual.find("geometry/mesh")) is None:
+                continue
+            name, scale = mesh.get("filename", ""), parse(mesh.get("scale", "1 1 1"), 3)
+            try:
+                place = str(located(name, urdf, package_dirs))
+                loader.load(place, np.array(scale))
+                mesh.set("filename", place)
+            except (ValueError, RuntimeError) as reason:
+                link.remove(visual)
+                refused.append(f'{label_of(link)} "{name}": {" ".join(str(reason).split())}')
+    return refused, loader
 
 
 def published_limits(given: Mapping[str, Sequence[float] | np.ndarray], nv: int) -> dict[str, np.ndarray]:

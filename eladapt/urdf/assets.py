@@ -1,63 +1,42 @@
-"""The files that a URDF names, meshes and textures: from its own folder and the packages' alone.
+"""The meshes that a URDF names: opened from its own folder and the packages' alone.
 
-A file is judged by where it really is, links resolved. One that does not exist is no fault as long as it
-would lie inside: dynamics need no meshes. A shape that is drawn is read by Pinocchio, which says what it
-cannot find.
+A file is judged by where it really is, links resolved. Dynamics need no meshes: a robot whose meshes are
+refused, or on another computer, is read all the same, and drawn without them.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import unquote
-from xml.etree.ElementTree import Element
 
-from eladapt.errors import Finding
-from eladapt.urdf.numbers import parts
-
-NAMING = ("mesh", "texture")
 PACKAGES = ("package", "model")  # schemes that name a folder below one of the package_dirs
 
 
-def file_findings(root: Element, urdf: Path, package_dirs: Sequence[str | Path] = ()) -> Iterator[Finding]:
-    """Every file that is named and lies outside the allowed folders, or that no reader knows to find."""
-    own = {urdf.parent.resolve(), urdf.resolve().parent}
+def located(name: str, urdf: Path, package_dirs: Sequence[str | Path] = ()) -> Path:
+    """The file of this name, links resolved. Raises ValueError for one that is refused, or nowhere."""
+    own = sorted({urdf.parent.resolve(), urdf.resolve().parent})
     packages = [Path(folder).resolve() for folder in package_dirs]
-    named = [
-        *parts(root),
-        *((f'material "{m.get("name", "")}"', t) for m in root.findall("material") for t in m),
-    ]
-    for label, part in named:
-        name = part.get("filename")
-        if part.tag not in NAMING or name is None:
-            continue
-        yield from _judged(label, name, sorted(own), packages)
-
-
-def _judged(label: str, name: str, own: list[Path], packages: list[Path]) -> Iterator[Finding]:
-    value = f'filename="{name}"'
     scheme, _, rest = name.rpartition("://")
     if scheme not in ("", "file", *PACKAGES):
-        remedy = "Copy the file beside the URDF and give its path from there"
-        yield Finding(
-            label, value, f"{scheme}:// is not read; expected a path, package:// or file://", remedy
-        )
-        return
+        raise ValueError(f"{scheme}:// is not read; expected a path, package:// or file://")
     if not rest or "\0" in rest:
-        yield Finding(label, value, "names no file", "Give the path of a file, or remove the element")
-        return
+        raise ValueError("names no file")
     folders = packages or own if scheme in PACKAGES else own
-    for text in sorted({rest, unquote(rest)}):
-        places = [Path(os.path.abspath(folder / text)) for folder in folders]
-        found = [place for place in places if _exists(place)] or places
-        for place in found:
-            real = _real(place)
-            if not any(real.is_relative_to(folder) for folder in (*own, *packages)):
-                problem = f"lies outside the folders that files may come from, at {real}"
-                remedy = f"Move it below {own[0]}, or name its folder in package_dirs"
-                yield Finding(label, value, problem, remedy)
-                return
+    texts = dict.fromkeys((rest, unquote(rest)))
+    places = [_real(Path(os.path.abspath(folder / text))) for text in texts for folder in folders]
+    found = [place for place in places if _exists(place)]
+    for place in found or places:
+        if not any(place.is_relative_to(folder) for folder in (*own, *packages)):
+            raise ValueError(
+                f"lies outside the folders that files may come from, at {place}; move it below {own[0]}, or "
+                "name its folder in package_dirs"
+            )
+    if not found:
+        looked = ", ".join(sorted({str(place.parent) for place in places}))
+        raise ValueError(f"there is none in {looked}; put it there, or name its folder in package_dirs")
+    return found[0]
 
 
 def _exists(place: Path) -> bool:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, ParseError
@@ -22,7 +22,6 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from eladapt.errors import Finding, UrdfError
-from eladapt.urdf.assets import file_findings
 from eladapt.urdf.holding import held_joints, hold
 from eladapt.urdf.numbers import NUMBERS, number_findings, parts
 from eladapt.urdf.tree import joints, listed, mimics, names, tree
@@ -75,25 +74,19 @@ class Checked(NamedTuple):
     locked: tuple[str, ...]
 
 
-def check_urdf(
-    path: str | Path, package_dirs: Sequence[str | Path] = (), locked: Iterable[str] = ()
-) -> Checked:
+def check_urdf(path: str | Path, locked: Iterable[str] = ()) -> Checked:
     """Refuse a URDF that is not a fixed-base tree of 1-DoF joints with finite numbers throughout.
 
     ``locked`` names the joints that are held, see `held_joints`; they are judged as such, and the element
-    that is returned has them as `hold` leaves them. Meshes and textures may come from the URDF's own folder
-    and from ``package_dirs``, links resolved. Raises UnknownNameError, and UrdfError with every fault found;
-    each names the element, the value and what to do.
+    that is returned has them as `hold` leaves them. Raises UnknownNameError, and UrdfError with every fault
+    found; each names the element, the value and what to do.
     """
     root = read_urdf(path)
     if unexpanded := list(_unexpanded(root)):  # what else such a file holds is not what it will hold
         raise UrdfError(path, unexpanded)
     held = held_joints(root, locked)
     hold(root, held)
-    findings = [
-        *names(root), *joints(root), *tree(root), *mimics(root), *number_findings(root),
-        *file_findings(root, Path(path), package_dirs),
-    ]  # fmt: skip
+    findings = [*names(root), *joints(root), *tree(root), *mimics(root), *number_findings(root)]
     if findings:
         raise UrdfError(path, findings)
     return Checked(root, held)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from urllib.parse import unquote
 from xml.etree.ElementTree import Element, SubElement
 
 import coal
@@ -15,7 +13,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from eladapt.errors import Finding, UrdfError
-from eladapt.urdf.assets import PACKAGES, file_findings
+from eladapt.urdf.assets import located
 from eladapt.urdf.holding import moving_links
 from eladapt.urdf.numbers import label_of, parse
 from eladapt.urdf.tree import child_value
@@ -121,16 +119,6 @@ def _hull(vertices: np.ndarray, density: float) -> pin.Inertia:
 
 def _vertices(mesh: Element, urdf: Path, package_dirs: Sequence[str | Path]) -> np.ndarray:
     """(n, 3) [m] the vertices of a mesh. Raises ValueError for one that may not be opened or is not there."""
-    robot, link = Element("robot"), Element("link", name="")
-    robot.append(link)
-    SubElement(link, "visual").append(mesh)
-    for finding in file_findings(robot, urdf, package_dirs):
-        raise ValueError(finding.problem)
-    scheme, _, rest = mesh.get("filename", "").rpartition("://")
-    folders = package_dirs or (urdf.parent,) if scheme in PACKAGES else (urdf.parent,)
-    places = [Path(os.path.abspath(Path(f) / text)) for text in (rest, unquote(rest)) for f in folders]
-    for place in places:
-        if place.is_file():
-            scale = np.array(parse(mesh.get("scale", "1 1 1"), 3))
-            return np.array(coal.MeshLoader().load(str(place), scale).vertices())
-    raise ValueError(f"there is none in {', '.join(sorted({str(place.parent) for place in places}))}")
+    place = located(mesh.get("filename", ""), urdf, package_dirs)
+    scale = np.array(parse(mesh.get("scale", "1 1 1"), 3))
+    return np.array(coal.MeshLoader().load(str(place), scale).vertices())

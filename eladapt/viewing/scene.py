@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import coal
@@ -15,7 +14,6 @@ import umsgpack
 from meshcat import geometry as draw
 from meshcat.animation import Animation
 
-from eladapt.errors import ArgumentError
 from eladapt.robot.model import Robot
 from eladapt.robot.reading import frame_index
 from eladapt.viewing.meshes import drawn
@@ -32,17 +30,8 @@ class Motion(NamedTuple):
 
 
 def visuals_of(robot: Robot) -> pin.GeometryModel:
-    """The robot's visuals, or a stick figure when it has none. Raises ArgumentError for a foreign mesh."""
+    """The robot's visuals, or a stick figure when it has none; warns of meshes that are not drawn."""
     visuals = robot.visual_model()
-    folders = [Path(folder).resolve() for folder in (str(robot.path.parent), *robot.package_dirs)]
-    for shape in visuals.geometryObjects:
-        if isinstance(shape.geometry, coal.BVHModelBase):
-            mesh = Path(shape.meshPath).resolve()
-            if not any(mesh.is_relative_to(folder) for folder in folders):
-                raise ArgumentError(
-                    f"{robot.path}: the mesh {mesh} lies outside the folders that meshes may come from: "
-                    f"{', '.join(map(str, folders))}; name its folder in package_dirs"
-                )
     return visuals if visuals.ngeoms else _stick_figure(robot)
 
 
