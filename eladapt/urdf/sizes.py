@@ -36,8 +36,8 @@ def misplaced_masses(root: Element, held: Sequence[str] = ()) -> Iterator[str]:
         if spread > max(SHORTEST, span):
             yield (
                 f"{label_of(link)}: moments of inertia {ixx:g}, {iyy:g} and {izz:g} kg m^2 with {mass:g} kg "
-                f"mean mass {spread:.3g} m from its centre; the arm's joints span {span:.3g} m. Are they in "
-                "kg mm^2 or g mm^2, or a placeholder?"
+                f"put its mass {spread:.3g} m from its centre; the arm's joints span {span:.3g} m. "
+                "Are they in kg mm^2 or g mm^2, or a placeholder?"
             )
 
 
