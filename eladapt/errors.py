@@ -151,6 +151,10 @@ class MendedWarning(EladaptWarning):
     """A body of a robot file that was given the nearest physical inertia."""
 
 
+class AssumedWarning(EladaptWarning):
+    """What a robot file does not say, that its dynamics need, and that was assumed."""
+
+
 class MeshWarning(EladaptWarning):
     """A mesh that is not drawn, and why."""
 

@@ -30,12 +30,15 @@ def find(options: argparse.Namespace) -> Robot:
     given = str(options.robot)
     is_path = Path(given).suffix or "/" in given or Path(given).exists()
     if not is_path or given in library.names():
-        if options.lock or options.package_dir or options.mend:
+        if options.lock or options.package_dir or options.mend or options.density is not None:
             raise ArgumentError(
-                f"--lock, --package-dir, --mend: {given} is the library's; they go with the path of a URDF"
+                f"--lock, --package-dir, --mend, --density: {given} is the library's; "
+                "they go with the path of a URDF"
             )
         return Robot.load(given)
-    return Robot.from_urdf(given, options.package_dir, options.lock, mend=options.mend)
+    return Robot.from_urdf(
+        given, options.package_dir, options.lock, mend=options.mend, density=options.density
+    )
 
 
 def check(options: argparse.Namespace) -> None:
@@ -52,6 +55,9 @@ def check(options: argparse.Namespace) -> None:
     locked = ", ".join(robot.locked) or "none"
     say(robot.path)
     say(f"{robot.name}: no faults found; {robot.nv} joints, locked: {locked}; tool {robot.tool}")
+    if robot.weighed:
+        masses = ", ".join(f"{name} {body.mass:.3g} kg" for name, body in robot.weighed.items())
+        say(f"without <inertial>, weighed by their shapes at {robot.density:g} kg/m^3: {masses}")
     regressors = Regressors(robot)
     say(f"base parameters: {len(regressors)} of {10 * robot.nv} standard ones, "
           f"{regressors.n_potential} of gravity; "

@@ -13,12 +13,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import (
     ArgumentError,
+    AssumedWarning,
     MendedWarning,
     UnitsWarning,
     UnknownNameError,
@@ -29,20 +31,22 @@ from eladapt.errors import (
 from eladapt.robot import library
 from eladapt.robot.reading import (
     clipped_neutral,
-    coupled_too,
     frame_index,
     last_body,
     lock,
-    matching_joints,
     published_limits,
     read_model,
     velocity_index,
 )
+from eladapt.robot.rotors import assume_rotors
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 from eladapt.urdf.assets import MeshUse, set_meshes_aside
-from eladapt.urdf.checks import check_mimics, check_model, check_urdf, read_urdf
+from eladapt.urdf.checks import check_model, check_urdf, read_urdf
+from eladapt.urdf.holding import hold
 from eladapt.urdf.mending import mend as mended
+from eladapt.urdf.sizes import misplaced_masses
+from eladapt.urdf.weighing import add_inertials, weigh
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
 DOUBLE = np.dtype(float)
@@ -70,6 +74,8 @@ class Robot:
     # What the maker publishes beside the URDF, (nv,) each: any of `robot.reading.PUBLISHED`.
     published: Mapping[str, np.ndarray] = field(default_factory=dict)
     mend: bool = False  # whether bodies that are not physical were mended when the file was read
+    density: float | None = None  # [kg/m^3] of links that were weighed by their shapes
+    weighed: Mapping[str, pin.Inertia] = field(default_factory=dict)  # those links, each in its own frame
     _scratch: Scratch[pin.Data] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -78,7 +84,8 @@ class Robot:
     def __repr__(self) -> str:
         ends = self.joint_names if self.nv < 3 else (self.joint_names[0], self.joint_names[-1])
         joints = (" ... " if self.nv > 2 else ", ").join(repr(name[:40]) for name in ends)
-        return f"Robot({self.name[:40]!r}, {self.nv} joints: {joints}, tool {self.tool[:40]!r})"
+        weighed = f", weighed at {self.density:g} kg/m^3: {len(self.weighed)}" if self.weighed else ""
+        return f"Robot({self.name[:40]!r}, {self.nv} joints: {joints}, tool {self.tool[:40]!r}{weighed})"
 
     def __getstate__(self) -> dict[str, Any]:
         """What a pickle holds: all but what was computed."""
@@ -100,34 +107,41 @@ class Robot:
         published: Mapping[str, Sequence[float] | np.ndarray] | None = None,
         gravity: Sequence[float] | np.ndarray | None = None,
         mend: bool = False,
+        density: float | None = None,
     ) -> Robot:
         """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
 
         Locked joints stay at their neutral position, clipped to their limits; "mimic" stands for all
         that follow another joint. ``gravity`` [m/s^2] is that of the base's frame: (0, 0, 9.81) for
-        an arm that hangs from the ceiling. ``armature`` maps
-        joint names to rotor inertias [kg m^2]. ``zero_parameters`` are standard parameters that
+        an arm that hangs from the ceiling. ``armature`` maps joint names to rotor inertias [kg m^2]; a
+        joint that turns no inertia and is given none gets an assumed one, with a warning, see
+        `assume_rotors`. ``zero_parameters`` are standard parameters that
         symmetry makes zero, as "my(elbow)" for the body behind that joint: `Regressors` then has no
         column for them. ``published`` are limits that the maker gives beside the URDF, a positive
         number a joint, velocity, acceleration, jerk or torque_rate; motions and the torque gate keep to them.
         ``home`` defaults to the neutral posture, clipped to the limits, and ``target`` to home.
         ``mend`` takes the nearest physical inertia for bodies whose principal moments no body has, and
-        warns of each change; without it they are refused.
+        warns of each change; without it they are refused. ``density`` [kg/m^3] weighs moving links that have
+        no <inertial> by their shapes, see `weigh`.
         Raises UrdfError with every fault found, and UnknownNameError for a joint, frame or limit
         that does not exist.
         """
         path = Path(path)
-        check_urdf(path, package_dirs)
-        full = read_model(path)
-        locked_names = matching_joints(full, coupled_too(path, locked, full))
-        check_mimics(path, locked_names)
-        model = lock(full, locked_names)
+        checked = check_urdf(path, locked)
+        weighed = {}
+        if density is not None:
+            density = require_number("density", density, 0)
+            weighed = weigh(checked.root, checked.locked, density, path, package_dirs)
+            add_inertials(checked.root, weighed)
+        model, _ = lock(read_model(checked.root, path), checked.locked)
         for joint, inertia in (armature or {}).items():
             model.armature[velocity_index(model, joint)] = inertia
         if gravity is not None:
             model.gravity = pin.Motion(require_vector("gravity", gravity, 3), np.zeros(3))
         for change in mended(model) if mend else ():
             warnings.warn(f"{path.name}, mended: {change}", MendedWarning, stacklevel=2)
+        for rotor in assume_rotors(model):
+            warnings.warn(f"{path.name}: {rotor}", AssumedWarning, stacklevel=2)
         check_model(model, path)
         if tool is not None:
             frame_index(model, tool)
@@ -138,14 +152,18 @@ class Robot:
             name=name or model.name,
             path=path.resolve(),
             package_dirs=tuple(str(Path(folder).resolve()) for folder in package_dirs),
-            locked=tuple(locked_names),
+            locked=checked.locked,
             tool=tool or last_body(model),
             zero_parameters=tuple(zero_parameters),
             published=published_limits(published or {}, model.nv),
             mend=mend,
+            density=density,
+            weighed=weighed,
             home=home,
             target=np.array(home if target is None else require_vector("target", target, model.nv)),
         )
+        for told in misplaced_masses(checked.root, checked.locked):
+            warnings.warn(f"{path.name}: {told}", UnitsWarning, stacklevel=2)
         robot._warn_of_units()
         return robot
 
@@ -280,22 +298,26 @@ class Robot:
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
         return self.configuration(rng.uniform(lower, upper))
 
+    def document(self) -> Element:
+        """The URDF's <robot> element, read again, with locked joints held and links weighed."""
+        root = read_urdf(self.path)
+        hold(root, self.locked)
+        add_inertials(root, self.weighed)
+        return root
+
     def visual_model(self) -> tuple[pin.GeometryModel, dict[str, MeshUse]]:
         """The URDF's visuals, attached to the joints that are left, and the meshes among them by name.
 
         A box stands for a mesh: no mesh file is opened here. Raises UrdfError.
         """
-        document = read_urdf(self.path)
+        document = self.document()
         uses = set_meshes_aside(document)
-        full = read_model(self.path)
+        full = read_model(document, self.path)
         try:
             visuals = pin.buildGeomFromUrdfString(full, ElementTree.tostring(document, "unicode"), pin.VISUAL)
         except ValueError as reason:
             raise UrdfError(self.path, [library.unreadable(reason)]) from reason
-        if self.locked:
-            ids = [full.getJointId(name) for name in self.locked]
-            visuals = pin.buildReducedModel(full, visuals, ids, clipped_neutral(full))[1]
-        return visuals, uses
+        return lock(full, self.locked, visuals)[1], uses
 
     @property
     def source(self) -> dict[str, Any]:
@@ -317,6 +339,7 @@ class Robot:
             "target": self.target.tolist(),
             "gravity": self.model.gravity.linear.tolist(),
             "mend": self.mend,
+            "density": self.density,
             "published": {name: limit.tolist() for name, limit in self.published.items()},
         }
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import fnmatch
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
 
 from eladapt.errors import UnknownNameError, UrdfError, require_gain
 from eladapt.robot import library
-from eladapt.urdf.checks import coupled_joints, read_urdf
 
-MIMIC = "mimic"
+LINK = "\x1f"  # after a name: a character that no XML file can have
 PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
 
 
@@ -27,39 +26,12 @@ def frame_index(model: pin.Model, name: str) -> int:
     return (bodies or found)[0]
 
 
-def read_model(path: Path) -> pin.Model:
+def read_model(document: Element, path: Path) -> pin.Model:
     """Pinocchio's model of the document as it was checked, not of what another parser makes of it."""
     try:
-        return pin.buildModelFromXML(ElementTree.tostring(read_urdf(path), "unicode"))
+        return pin.buildModelFromXML(ElementTree.tostring(document, "unicode"))
     except (RuntimeError, ValueError) as reason:
         raise UrdfError(path, [library.unreadable(reason)]) from reason
-
-
-def matching_joints(model: pin.Model, patterns: Iterable[str]) -> list[str]:
-    """The joints named, in the model's order; in what is no joint's name ``*`` matches any characters.
-
-    Raises UnknownNameError.
-    """
-    if isinstance(patterns, str):
-        patterns = (patterns,)
-    chosen: set[str] = set()
-    names, unknown = list(model.names)[1:], []
-    for pattern in patterns:
-        found = [pattern] if pattern in names else fnmatch.filter(names, pattern)
-        chosen.update(found)
-        if not found:
-            unknown.append(pattern)
-    if unknown:
-        raise UnknownNameError("joint", unknown, names)
-    return [name for name in names if name in chosen]
-
-
-def coupled_too(path: Path, locked: Iterable[str], model: pin.Model) -> list[str]:
-    """What is to be locked, with "mimic" standing for all joints that follow another one."""
-    given = [locked] if isinstance(locked, str) else list(locked)
-    if MIMIC not in given or model.existJointName(MIMIC):
-        return given
-    return [name for name in given if name != MIMIC] + list(coupled_joints(path))
 
 
 def published_limits(given: Mapping[str, Sequence[float] | np.ndarray], nv: int) -> dict[str, np.ndarray]:
@@ -69,11 +41,26 @@ def published_limits(given: Mapping[str, Sequence[float] | np.ndarray], nv: int)
     return {name: require_gain(f"published {name}", values, nv) for name, values in given.items()}
 
 
-def lock(full: pin.Model, names: Sequence[str]) -> pin.Model:
-    """The model with these joints fixed at their neutral position, clipped to their limits."""
-    if not names:
-        return full
-    return pin.buildReducedModel(full, [full.getJointId(name) for name in names], clipped_neutral(full))
+def lock(
+    full: pin.Model, names: Sequence[str], shapes: pin.GeometryModel | None = None
+) -> tuple[pin.Model, pin.GeometryModel | None]:
+    """The model with these joints fixed at their neutral position, clipped to their limits, and its shapes.
+
+    Pinocchio finds the frames of joints by name, and refuses a name that a link has too: meanwhile links
+    have another one.
+    """
+    ids = [full.getJointId(name) for name in names if full.existJointName(name)]  # the others are fixed
+    if not ids:
+        return full, shapes
+    full = full.copy()
+    for frame in full.frames:
+        if frame.type == pin.FrameType.BODY:
+            frame.name += LINK
+    reduced, kept = pin.buildReducedModel(full, shapes or pin.GeometryModel(), ids, clipped_neutral(full))
+    for frame in reduced.frames:
+        if frame.type == pin.FrameType.BODY:
+            frame.name = frame.name.removesuffix(LINK)
+    return reduced, kept if shapes else None
 
 
 def clipped_neutral(model: pin.Model) -> np.ndarray:

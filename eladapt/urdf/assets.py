@@ -1,22 +1,21 @@
-"""The files that a URDF names, meshes and textures: from its own folder and the packages' alone.
+"""The meshes that a URDF names: opened from its own folder and the packages' alone.
 
-A file is judged by where it really is, links resolved. One that does not exist is no fault as long as it
-would lie inside: dynamics need no meshes. Those that are drawn are opened where they were judged to be.
+A file is judged by where it really is, links resolved, and opened there. Dynamics need no meshes: a robot
+whose meshes are refused, or on another computer, is read all the same, and drawn without them.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
-from eladapt.errors import Finding, MeshError
-from eladapt.urdf.numbers import parse, parts
+from eladapt.errors import MeshError
+from eladapt.urdf.numbers import parse
 
-NAMING = ("mesh", "texture")
 PACKAGES = ("package", "model")  # schemes that name a folder below one of the package_dirs
 
 
@@ -31,39 +30,28 @@ class Folders(NamedTuple):
         own = {urdf.parent.resolve(), urdf.resolve().parent}
         return cls(sorted(own), [Path(folder).resolve() for folder in package_dirs])
 
-    def refusal(self, name: str) -> tuple[str, str] | None:
-        """What is wrong with the file of this name, and what to do; None if it may be opened."""
-        scheme, rest = _split(name)
-        if scheme not in ("", "file", *PACKAGES):
-            remedy = "Copy the file beside the URDF and give its path from there"
-            return f"{scheme}:// is not read; expected a path, package:// or file://", remedy
-        if not rest or "\0" in rest:
-            return "names no file", "Give the path of a file, or remove the element"
-        for spelling in self._spellings(name):
-            for place in [place for place in spelling if _exists(place)] or spelling:
-                if not any(place.is_relative_to(folder) for folder in (*self.own, *self.packages)):
-                    problem = f"lies outside the folders that files may come from, at {place}"
-                    return problem, f"Move it below {self.own[0]}, or name its folder in package_dirs"
-        return None
-
     def located(self, name: str) -> Path:
         """The file of this name, links resolved. Raises MeshError for one that is refused or nowhere."""
-        if refusal := self.refusal(name):
-            raise MeshError(f'"{name}": {". ".join(refusal)}')
-        places = [place for spelling in self._spellings(name) for place in spelling]
-        for place in places:
-            if _exists(place):
-                return place
-        looked = ", ".join(sorted({str(place.parent) for place in places}))
-        remedy = "Put it there, or name its folder in package_dirs (--package-dir)"
-        raise MeshError(f'"{name}": there is none in {looked}. {remedy}')
-
-    def _spellings(self, name: str) -> list[list[Path]]:
-        """Where the file may be, links resolved, for its name as it is and without percent signs."""
-        scheme, rest = _split(name)
+        scheme, _, rest = name.rpartition("://")
+        if scheme not in ("", "file", *PACKAGES):
+            remedy = "Copy the file beside the URDF and give its path from there"
+            raise _refusal(name, f"{scheme}:// is not read; expected a path, package:// or file://", remedy)
+        if not rest or "\0" in rest:
+            raise _refusal(name, "names no file", "Give the path of a file, or remove the element")
         folders = self.packages or self.own if scheme in PACKAGES else self.own
-        texts = dict.fromkeys((rest, unquote(rest)))
-        return [[_real(Path(os.path.abspath(folder / text))) for folder in folders] for text in texts]
+        texts = dict.fromkeys((rest, unquote(rest)))  # as it is, and without percent signs
+        places = [_real(Path(os.path.abspath(folder / text))) for text in texts for folder in folders]
+        found = [place for place in places if _exists(place)]
+        for place in found or places:
+            if not any(place.is_relative_to(folder) for folder in (*self.own, *self.packages)):
+                problem = f"lies outside the folders that files may come from, at {place}"
+                remedy = f"Move it below {self.own[0]}, or name its folder in package_dirs (--package-dir)"
+                raise _refusal(name, problem, remedy)
+        if not found:
+            looked = ", ".join(sorted({str(place.parent) for place in places}))
+            remedy = "Put it there, or name its folder in package_dirs (--package-dir)"
+            raise _refusal(name, f"there is none in {looked}", remedy)
+        return found[0]
 
 
 class MeshUse(NamedTuple):
@@ -71,16 +59,6 @@ class MeshUse(NamedTuple):
 
     filename: str
     scale: tuple[float, ...]  # (3,)
-
-
-def file_findings(root: Element, urdf: Path, package_dirs: Sequence[str | Path] = ()) -> Iterator[Finding]:
-    """Every file that is named and lies outside the allowed folders, or that no reader knows to find."""
-    folders = Folders.of(urdf, package_dirs)
-    materials = [(f'material "{m.get("name", "")}"', t) for m in root.findall("material") for t in m]
-    for label, part in (*parts(root), *materials):
-        name = part.get("filename")
-        if part.tag in NAMING and name is not None and (refusal := folders.refusal(name)):
-            yield Finding(label, f'filename="{name}"', *refusal)
 
 
 def set_meshes_aside(root: Element) -> dict[str, MeshUse]:
@@ -105,9 +83,8 @@ def set_meshes_aside(root: Element) -> dict[str, MeshUse]:
     return uses
 
 
-def _split(name: str) -> tuple[str, str]:
-    scheme, _, rest = name.rpartition("://")
-    return scheme, rest
+def _refusal(name: str, problem: str, remedy: str) -> MeshError:
+    return MeshError(f'"{name}": {problem}. {remedy}')
 
 
 def _exists(place: Path) -> bool:

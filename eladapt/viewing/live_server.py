@@ -23,6 +23,7 @@ from tornado import httpserver, netutil, web, websocket
 
 from eladapt.errors import EladaptError
 from eladapt.robot.model import Robot
+from eladapt.robot.reading import frame_index
 from eladapt.viewing import loads
 from eladapt.viewing.live import FRAMES_PER_SECOND, HEAD
 from eladapt.viewing.page import LOOPBACK, filled
@@ -51,7 +52,7 @@ class Stage:
         self.still, self.frame = self.scene.commands, 0
         self.path: list[np.ndarray] = []
         self.goal, self.t, self.stride, self.skipped = np.zeros(0), -np.inf, 1, 0
-        self.tool = robot.model.frames[robot.model.getFrameId(robot.tool)]
+        self.tool = robot.model.frames[frame_index(robot.model, robot.tool)]
         self.tip = tip_of(robot, self.tool.parentJoint) if self.tool.parentJoint else np.zeros(3)
         self.moving: list[bytes] = []  # the last frame, for who comes later
         self.ghost: list[bytes] = []

@@ -17,6 +17,7 @@ from meshcat.animation import Animation
 
 from eladapt.meshes.mesh import Mesh
 from eladapt.robot.model import Robot
+from eladapt.robot.reading import frame_index
 from eladapt.viewing.meshes import Visual, drawn, meshes_of, shapes_of
 
 GHOST_COLOUR, TRAIL_COLOUR, LOAD_COLOUR, TRUE_LOAD_COLOUR = 0xE8862A, 0x1F5FBF, 0x2F8F4E, 0x20262E
@@ -56,7 +57,7 @@ def _stick_figure(robot: Robot) -> list[Visual]:
 
 def tip_of(robot: Robot, joint: int) -> np.ndarray:
     """(3,) the end of a last link in its joint's frame [m]: the tool, or where a uniform rod would end."""
-    tool = robot.model.frames[robot.model.getFrameId(robot.tool)]
+    tool = robot.model.frames[frame_index(robot.model, robot.tool)]
     at_joint = tool.parentJoint != joint or np.linalg.norm(tool.placement.translation) < 1e-9
     return 2 * robot.model.inertias[joint].lever if at_joint else tool.placement.translation
 
@@ -64,7 +65,7 @@ def tip_of(robot: Robot, joint: int) -> np.ndarray:
 def motion_of(robot: Robot, t: np.ndarray, q: np.ndarray, times: np.ndarray) -> Motion:
     """The placements at ``times`` of the motion q (N, nq) sampled at t (N,), both [s]."""
     model, data = robot.model, robot.model.createData()
-    tool = robot.model.frames[robot.model.getFrameId(robot.tool)].parentJoint
+    tool = robot.model.frames[frame_index(robot.model, robot.tool)].parentJoint
     tip = tip_of(robot, tool) if tool else np.zeros(3)
     before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
     joints = np.empty((len(times), model.njoints, 4, 4))

@@ -321,3 +321,18 @@ def test_doctor_says_what_is_missing(monkeypatch, capsys):
     monkeypatch.setattr(doctor, "_speed", lambda: iter(()))
     assert main(["doctor"]) == 1
     assert "FAIL  no-such-package: pip install no-such-package" in capsys.readouterr().out
+
+
+def test_a_density_weighs_what_has_no_inertia(tmp_path):
+    """`check` says which links and how heavy; without one it says that there is this way."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        '<robot name="r"><link name="a"/><link name="b"><visual><origin xyz="0.1 0 0"/><geometry>'
+        '<box size="0.2 0.05 0.05"/></geometry></visual></link><joint name="j" type="revolute">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="20" velocity="2"/></joint></robot>'
+    )
+    assert "--density" in run("check", path).stderr
+    done = run("check", path, "--density", "2000")
+    assert done.returncode == 0, done.stderr
+    assert "weighed by their shapes at 2000 kg/m^3: b 1 kg" in done.stdout

@@ -26,6 +26,7 @@ import umsgpack
 from display_records import loaded
 
 import eladapt as ea
+from eladapt.errors import MeshWarning
 from eladapt.viewing import page as serving
 from eladapt.viewing.loads import UNSEEN, loads_of, radius_of
 from eladapt.viewing.meshes import ROBOT_TRIANGLES
@@ -259,27 +260,28 @@ def test_a_run_that_diverged_is_shown_as_far_as_it_went(page_of, record_of):
         page_of("two_link", q=np.full_like(q, np.nan))
 
 
-def test_a_mesh_from_elsewhere_is_refused_by_name(tmp_path):
-    """A robot that names one is not made."""
+def test_a_mesh_from_elsewhere_is_left_out_and_named(page_of, tmp_path):
+    """The arm is made, runs, and is drawn as sticks where nothing else is left of it."""
     secret = tmp_path / "elsewhere" / "secret.stl"
     secret.parent.mkdir()
     secret.write_text(TRIANGLE)
-    with pytest.raises(ea.EladaptError, match=re.escape(str(secret))):
-        arm(tmp_path / "robot", MESH.format(secret))
+    robot = arm(tmp_path / "robot", MESH.format(secret))
+    with pytest.warns(MeshWarning, match=f"lies outside the folders.*{re.escape(str(secret))}"):
+        _, page = page_of(robot)
+    assert {form["type"] for form in page.geometries("robot")} == {"CylinderGeometry", "SphereGeometry"}
 
 
-def test_a_mesh_that_was_exchanged_for_a_link_is_not_drawn(record_of, tmp_path):
+def test_a_mesh_that_was_exchanged_for_a_link_is_not_drawn(page_of, tmp_path):
     """Where a mesh lies is looked at again when it is drawn: it may have changed since the robot was made."""
     secret = tmp_path / "elsewhere" / "secret.stl"
     secret.parent.mkdir()
     secret.write_text(TRIANGLE)
     mesh = tmp_path / "robot" / "link.stl"
-    record = record_of(arm(tmp_path / "robot", MESH.format(mesh)))
+    robot = arm(tmp_path / "robot", MESH.format(mesh))
     mesh.symlink_to(secret)
-    (tmp_path / "run.html").write_text("as before")
-    with pytest.raises(ea.EladaptError, match=re.escape(str(secret))):
-        ea.view(record, html=tmp_path / "run.html")
-    assert (tmp_path / "run.html").read_text() == "as before"
+    with pytest.warns(MeshWarning, match=re.escape(str(secret))):
+        _, page = page_of(robot)
+    assert "BufferGeometry" not in {form["type"] for form in page.geometries("robot")}
 
 
 def test_a_mesh_beside_the_urdf_or_in_a_package_is_drawn(page_of, tmp_path):
