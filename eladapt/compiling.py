@@ -9,7 +9,7 @@ from typing import Any
 from numba import config, njit, types
 
 SCALAR, COUNT = types.float64, types.int64
-VECTOR, MATRIX = types.float64[::1], types.float64[:, ::1]
+VECTOR, MATRIX, CUBE = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
 FLAGS, COUNTS, COUNT_MATRIX = types.boolean[::1], types.int64[::1], types.int64[:, ::1]
 VIEW = types.Array(types.float64, 1, "A", readonly=True)  # of Pinocchio's vectors
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
+from eladapt.robot.reading import frame_index
 
 SAMPLES = 200  # configurations over which the extremes of M and g are taken
 
@@ -38,6 +40,16 @@ def effort(robot: Robot, largest: Extremes) -> np.ndarray:
     """(nv,) [N m] the URDF's effort limits; where it sets none, max(3 max|g_i|, 20 max M_ii)."""
     assumed = np.maximum(3 * largest.gravity, 20 * largest.inertia)
     return np.where(np.isfinite(robot.effort_limit), robot.effort_limit, assumed)
+
+
+def levers(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> np.ndarray:
+    """(nv,) [m], 1 for a prismatic joint: by how much a joint moves the tool at most, over configurations."""
+    model, frame = robot.model, frame_index(robot.model, robot.tool)
+    data, longest = model.createData(), np.zeros(robot.nv)
+    for q in configurations(robot, samples, seed):
+        jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+        longest = np.maximum(longest, np.linalg.norm(jacobian, axis=0))
+    return longest
 
 
 def adaptation_mode(regressors: Regressors, Gamma: float, samples: int = SAMPLES, seed: int = 0) -> Mode:

@@ -23,19 +23,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.compiling import COUNT, SCALAR, VECTOR, kernel
-from eladapt.errors import require_gain, require_number
+from eladapt.compiling import COUNTS, CUBE, MATRIX, SCALAR, VECTOR, kernel
+from eladapt.errors import require_gain
 from eladapt.gains.derived import LEAST_ROTOR_ACCELERATION
+from eladapt.gains.extremes import levers
 from eladapt.robot.model import Robot
 from eladapt.safety.guards import Alarm
 
-SPAN = 3  # samples of a mean; x and z are between two that follow each other
-RUN = 2 * SPAN + 2  # samples in a row: a step of something else spoils 2 SPAN
+SPANS = (3, 15)  # samples of a mean; x and z are between two that follow each other
+MORE = 2  # samples in a row beyond the 2 SPAN that a step of something else spoils
+PUSH, HAND = 24.0, 0.05  # [N] that a person adds or takes at once, at the tool; [m] beside its frame
 OPPOSED = -0.3  # z of x, below which a joint turns against its torque
 DEAF = 0.3  # (z with the rotor) of x, below which it does not answer
 MEMORY = 0.02  # [s] over which position and velocity are compared
 CONTRADICTION = 0.2  # of the way, by which they may differ
-LIVELY_MEMORY, LIVELY = 0.5, 0.5  # [s]; share of samples at rest that turn back, of white noise two thirds
+LIVELY_MEMORY, LIVELY = 0.15, 0.45  # [s]; share of samples at rest that turn back, of white noise two thirds
 SAME = 20  # samples in a row that do not
 SMALLEST = 1e-9  # [rad, rad/s] a change that is noise and not the tail of a filter
 
@@ -43,14 +45,12 @@ SMALLEST = 1e-9  # [rad, rad/s] a change that is noise and not the tail of a fil
 class BeliefState(NamedTuple):
     """What is remembered of torques and motions: by sample, the newest last, and by joint."""
 
-    torque: np.ndarray  # (2 SPAN, nv) [N m] that acted
-    needed: np.ndarray  # (2 SPAN, nv) [N m] for the motion that followed, by the model
-    heaviest: np.ndarray  # (2 SPAN, nv) [N m] the same with the largest rotor
-    opposed: np.ndarray  # (nv,) samples in a row that turned against their torque
+    rows: np.ndarray  # (3, 2 max SPAN, nv) [N m] torque that acted, needed, and with the largest rotor
+    opposed: np.ndarray  # (spans, nv) samples in a row that turned against their torque
     turned: np.ndarray  # [N m] by how much torque changed in them
     deaf: np.ndarray  # samples in a row that did not answer it
     pushed: np.ndarray  # [N m] by how much torque changed in them
-    drift: np.ndarray  # [rad] of the position, beside the integral of the velocity
+    drift: np.ndarray  # (nv,) [rad] of the position, beside the integral of the velocity
     way: np.ndarray  # [rad] the larger of both
     jitter: np.ndarray  # [rad^2] mean square of the position's white noise
     step: np.ndarray  # [rad] of the position at the last sample
@@ -59,26 +59,33 @@ class BeliefState(NamedTuple):
     same: np.ndarray  # samples in a row that were like the one before
 
 
-@kernel(*[VECTOR] * 8, SCALAR, SCALAR, COUNT)
+@kernel(CUBE, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, COUNTS, SCALAR, SCALAR)
 def runs(
-    x: np.ndarray, z: np.ndarray, heavy: np.ndarray, opposed: np.ndarray, turned: np.ndarray,
-    deaf: np.ndarray, pushed: np.ndarray, least: np.ndarray, against: float, silent: float, span: int,
+    rows: np.ndarray, opposed: np.ndarray, turned: np.ndarray, deaf: np.ndarray, pushed: np.ndarray,
+    least: np.ndarray, spans: np.ndarray, against: float, silent: float,
 ) -> np.ndarray:  # fmt: skip
-    """(4, nv): opposed, turned, deaf and pushed a sample later; a sample whose torque hardly changed says
-    nothing, one that answers ends the run."""
-    found = np.empty((4, len(x)))
-    for i in range(len(x)):
-        change, answer, heavier = abs(x[i]), z[i] * np.sign(x[i]), heavy[i] * np.sign(x[i])
-        for k, bad, run, sum_ in (
-            (0, answer < against * change, opposed[i], turned[i]),
-            (2, heavier < silent * change, deaf[i], pushed[i]),
-        ):
-            if change <= least[i]:
-                found[k, i], found[k + 1, i] = run, sum_
-            elif bad:
-                found[k, i], found[k + 1, i] = run + 1.0, sum_ + change / span
-            else:
-                found[k, i], found[k + 1, i] = 0.0, 0.0
+    """(4, spans, nv): opposed, turned, deaf and pushed a sample later; a sample whose torque hardly changed
+    says nothing, one that answers ends the run."""
+    found = np.empty((4, len(spans), len(least)))
+    last = rows.shape[1]
+    for s in range(len(spans)):
+        span = spans[s]
+        for i in range(len(least)):
+            change = np.zeros(3)
+            for what in range(3):
+                for k in range(span):
+                    change[what] += (rows[what, last - 1 - k, i] - rows[what, last - 1 - span - k, i]) / span
+            x, z, heavy = abs(change[0]), change[1] * np.sign(change[0]), change[2] * np.sign(change[0])
+            for k, bad, run, sum_ in (
+                (0, z < against * x, opposed[s, i], turned[s, i]),
+                (2, heavy < silent * x, deaf[s, i], pushed[s, i]),
+            ):
+                if x <= least[i]:
+                    found[k, s, i], found[k + 1, s, i] = run, sum_
+                elif bad:
+                    found[k, s, i], found[k + 1, s, i] = run + 1.0, sum_ + x / span
+                else:
+                    found[k, s, i], found[k + 1, s, i] = 0.0, 0.0
     return found
 
 
@@ -130,22 +137,23 @@ class Belief:
             object.__setattr__(self, name, require_gain(name, getattr(self, name), self.robot.nv))
 
     @classmethod
-    def for_robot(cls, robot: Robot, effort: np.ndarray, velocity: np.ndarray, dt: float) -> Belief:
-        """From the limits, (nv,): 1, 4 and 25 % of the effort and the URDF's friction; a rotor that the
-        effort turns at 50 rad/s^2; 1.5 ms at the speed limit."""
-        require_number("dt", dt, 0)
+    def for_robot(cls, robot: Robot, effort: np.ndarray, velocity: np.ndarray) -> Belief:
+        """From the limits, (nv,): 1 % of the effort; 4 %, and 25 % and the URDF's friction, or what a person
+        who pushes the tool makes; a rotor that the effort turns at 50 rad/s^2; 1.5 ms at the speed limit."""
         fastest = np.where(np.isfinite(velocity), velocity, 2.0)
+        pushed = PUSH * (levers(robot) + HAND)
         return cls(
-            robot, 0.01 * effort, 0.04 * effort, 0.25 * effort + robot.friction,
+            robot, 0.01 * effort, np.maximum(0.04 * effort, pushed),
+            np.maximum(0.25 * effort + robot.friction, 1.5 * pushed),
             effort / LEAST_ROTOR_ACCELERATION, 1.5e-3 * fastest, 5e-3 * fastest,
         )  # fmt: skip
 
     def init(self) -> BeliefState:
         """Nothing seen."""
-        none, rows = np.zeros(self.robot.nv), np.zeros((2 * SPAN, self.robot.nv))
+        none, runs = np.zeros(self.robot.nv), np.zeros((len(SPANS), self.robot.nv))
         return BeliefState(
-            torque=rows, needed=rows, heaviest=rows, opposed=none, turned=none, deaf=none, pushed=none,
-            drift=none, way=none, jitter=none, step=none, change=none, lively=none, same=none,
+            rows=np.zeros((3, 2 * max(SPANS), self.robot.nv)), opposed=runs, turned=runs, deaf=runs,
+            pushed=runs, drift=none, way=none, jitter=none, step=none, change=none, lively=none, same=none,
         )  # fmt: skip
 
     def step(
@@ -161,30 +169,29 @@ class Belief:
         """One more sample, ``elapsed`` [s] after the last: how far the positions moved, the velocities before
         and now, the torque that acted and the one that the motion needed, (nv,) each."""
         heaviest = needed + self.rotor * (v - before) / elapsed
-        rows = [
-            np.concatenate([old[1:], new[None]])
-            for old, new in zip(state[:3], (torque, needed, heaviest), strict=True)
-        ]
-        x, z, heavy = (row[SPAN:].mean(axis=0) - row[:SPAN].mean(axis=0) for row in rows)
-        opposed, turned, deaf, pushed = runs(x, z, heavy, *state[3:7], self.least, OPPOSED, DEAF, SPAN)
+        rows = np.empty_like(state.rows)
+        rows[:, :-1] = state.rows[:, 1:]
+        rows[0, -1], rows[1, -1], rows[2, -1] = torque, needed, heaviest
+        opposed, turned, deaf, pushed = runs(rows, *state[1:5], self.least, np.array(SPANS), OPPOSED, DEAF)
         drift, way, jitter, lively, same = sensed(
-            moved, before, v, state.drift, state.way, state.jitter, state.step, state.change, state.lively, state.same,
-            self.still, elapsed, MEMORY, LIVELY_MEMORY,
+            moved, before, v, state.drift, state.way, state.jitter, state.step, state.change, state.lively,
+            state.same, self.still, elapsed, MEMORY, LIVELY_MEMORY,
         )  # fmt: skip
         return BeliefState(
-            rows[0], rows[1], rows[2], opposed, turned, deaf, pushed, drift, way, jitter, moved, v - before,
+            rows, opposed, turned, deaf, pushed, drift, way, jitter, moved, v - before,
             lively, same,
         )  # fmt: skip
 
     def alarm(self, state: BeliefState) -> Alarm | None:
         """The joint that is not to be believed, and why."""
         names = self.robot.joint_names
-        turns = (state.opposed >= RUN) & (state.turned > self.against)
+        enough = np.array([[2 * span + MORE] for span in SPANS])
+        turns = ((state.opposed >= enough) & (state.turned > self.against)).any(axis=0)
         if turns.any():
             i = int(turns.argmax())
             said = f"{names[i]!r} turns against its torque: is its encoder or its drive reversed?"
             return Alarm("reversed", said)
-        deaf = (state.deaf >= RUN) & (state.pushed > self.silent)
+        deaf = ((state.deaf >= enough) & (state.pushed > self.silent)).any(axis=0)
         if deaf.any():
             i = int(deaf.argmax())
             said = (

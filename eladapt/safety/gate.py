@@ -137,7 +137,7 @@ class TorqueGate:
         horizon = np.maximum(max(0.01, 10 * dt), np.minimum(reversing, LONGEST_HORIZON))
         barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 4 * horizon), horizon=horizon)
         fallback = Fallback.for_robot(robot, limit, largest, max(0.01, 3 * dt))
-        belief = Belief.for_robot(robot, limit, velocity, dt)
+        belief = Belief.for_robot(robot, limit, velocity)
         return cls(robot, **{"barrier": barrier, "fallback": fallback, "belief": belief, **limits})
 
     def init(self, measurement: Measurement) -> GateState:
