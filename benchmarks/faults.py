@@ -23,6 +23,7 @@ from tqdm import tqdm
 
 import eladapt as ea
 from eladapt.errors import SimulationError
+from eladapt.records.metrics import largest_speed
 from eladapt.records.state_file import StateWriter
 from eladapt.robot.protocols import Plant
 from eladapt.simulation.faults import BlockedJoints, FrozenSensor, Jitter, LostNumbers, Packets, WeakMotors
@@ -114,8 +115,8 @@ def judged(record: ea.Record, begins: float, samples: str) -> Outcome:
     error, speed = np.abs(record.error).max(axis=1), np.abs(record.v).max(axis=1)
     finite = all(np.isfinite(array).all() for array in (record.tau, record.q, record.v, record.theta))
     inside = finite and bool(np.all(np.abs(record.tau) <= ROBOT.effort_limit))
-    fastest = float(np.max(np.abs(record.v) / ROBOT.velocity_limit))
-    fault = record.final_state.fault
+    fastest = record.metrics().speed.value
+    fault = next(iter(record.faults or ()), None)
     if fault is None:
         away = record.t[after & (error > ARRIVED)]
         back = away[-1] - begins if len(away) else 0.0
@@ -204,8 +205,8 @@ def killed() -> Outcome:
     finite = np.isfinite(torque).all() and np.isfinite(q).all()
     return Outcome(
         bool(finite and np.all(np.abs(torque) <= ROBOT.effort_limit)), f"{len(rows)} of 4001",
-        float(np.max(np.abs(v) / ROBOT.velocity_limit)), float(error[late].max()), said,
-        f"at the set-point after {away[-1] - MOVING:.2f} s",
+        largest_speed(t, v, ROBOT.velocity_limit, DT, ROBOT.joint_names).value, float(error[late].max()),
+        said, f"at the set-point after {away[-1] - MOVING:.2f} s",
     )  # fmt: skip
 
 

@@ -41,7 +41,7 @@ class Job(NamedTuple):
 class Run(NamedTuple):
     """What it gave."""
 
-    speed: float  # largest |v| of its limit
+    speed: float  # largest |v| of its limit, nan where the arm has none
     planned: float  # [s]
     arrived: float  # [s] below `ARRIVED` for good
     steady: float  # [rad] largest error of the last half second
@@ -70,19 +70,20 @@ def run(job: Job) -> Run:
         if reason.record is None:
             return Run(np.inf, planned, np.inf, np.inf, np.inf, str(reason))
         record, fault = reason.record, str(reason)
-    if (latched := getattr(record.final_state, "fault", None)) is not None:
-        fault = latched.name
+    if record.faults:
+        fault = record.faults[0].name
     last = record.t >= record.t[-1] - 0.5
-    speed = np.abs(record.v) / robot.velocity_limit
     rate = np.abs(np.diff(record.tau[record.t >= TAKEN_OVER], axis=0)) / DT / robot.effort_limit
     return Run(
-        float(speed.max()), planned, record.settling_time(ARRIVED), float(np.abs(record.error[last]).max()),
-        float(rate.max()), fault,
+        record.metrics().speed.value, planned, record.settling_time(ARRIVED),
+        float(np.abs(record.error[last]).max()), float(rate.max()), fault,
     )  # fmt: skip
 
 
 def share(value: float) -> str:
     """Of a limit, as the table shows it."""
+    if np.isnan(value):
+        return "no limit"
     return f"{value:.2f}" if value < 100 else f"{value:.0e}"
 
 

@@ -55,7 +55,7 @@ def run(seed: int | None) -> Run:
     return Run(
         motion.duration, float(error[moving].max()), float(error[moving & (record.t > BEGUN)].max()),
         float(error[record.t >= motion.duration + AFTER].max()),
-        float(np.abs(np.diff(record.tau, axis=0)).max() / DT), str(record.final_state.fault or ""),
+        float(np.abs(np.diff(record.tau, axis=0)).max() / DT), record.metrics().faults_said,
     )  # fmt: skip
 
 
@@ -76,7 +76,7 @@ def main() -> None:
     ]  # fmt: skip
     rows = [
         ["home to target" if seed is None else f"random, {seed}", f"{r.duration:.2f}", f"{r.moving:.1e}",
-         f"{r.begun:.1e}", f"{r.after:.1e}", f"{r.rate:.0f}", r.fault or "none"]
+         f"{r.begun:.1e}", f"{r.after:.1e}", f"{r.rate:.0f}", r.fault]
         for seed, r in zip(seeds, runs, strict=True)
     ]  # fmt: skip
     notes = (

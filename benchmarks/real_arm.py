@@ -34,7 +34,7 @@ from tracking import sines
 import eladapt as ea
 from eladapt.comparison.baselines import KnownGravityPD
 from eladapt.errors import EladaptError, SimulationError
-from eladapt.records.record import chatter
+from eladapt.records.metrics import chatter
 from eladapt.robot.protocols import Goal, Plant, Unrecorded
 from eladapt.simulation.instruments import Delay
 

@@ -32,9 +32,9 @@ from eladapt.regressors.base import ParameterBasis
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.library import names as robots
 from eladapt.robot.model import Robot
-from eladapt.safety.gate import FAULTS, Fault, TorqueGate
+from eladapt.safety.gate import FAULTS, TorqueGate
 from eladapt.safety.gated import GatedController, GatedState
-from eladapt.signals import Measurement, MixedRegression, Reference, Regression
+from eladapt.signals import Fault, Measurement, MixedRegression, Reference, Regression
 from eladapt.simulation.disturbances import Friction, Noise, Payload
 from eladapt.simulation.many import simulate_many
 from eladapt.simulation.plants import PinocchioPlant

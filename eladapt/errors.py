@@ -10,8 +10,38 @@ from typing import Any, NamedTuple
 import numpy as np
 
 
-class EladaptError(Exception):
+def printable(text: str) -> str:
+    """A text from outside as a terminal may have it: what steers a terminal or turns text round is escaped.
+
+    These are all characters that cannot be printed, line breaks and tabs among them.
+    """
+    return text if text.isprintable() else "".join(map(_visible, text))
+
+
+def printable_lines(text: str) -> str:
+    """`printable`, line by line."""
+    return "\n".join(map(printable, text.split("\n")))
+
+
+def _visible(character: str) -> str:
+    if character.isprintable():
+        return character
+    return character.encode("unicode_escape").decode("ascii")
+
+
+class _Printable:
+    """Of an exception: its text is `printable`, since it may quote names and paths from outside."""
+
+    def __str__(self) -> str:
+        return printable_lines(super().__str__())
+
+
+class EladaptError(_Printable, Exception):
     """Base of every error that eladapt raises on purpose."""
+
+
+class EladaptWarning(_Printable, UserWarning):
+    """Base of every warning."""
 
 
 class ArgumentError(EladaptError, ValueError):
@@ -39,10 +69,11 @@ class Finding(NamedTuple):
     remedy: str
 
     def __str__(self) -> str:
-        return f"{_shown(self.element)}: {_shown(self.value)}: {self.problem}. {self.remedy}"
+        parts = (_short(self.element), _short(self.value), self.problem)
+        return f"{': '.join(map(printable, parts))}. {printable(self.remedy)}"
 
 
-def _shown(text: str, most: int = 300) -> str:
+def _short(text: str, most: int = 300) -> str:
     """A text from a file, as far as a message should show it."""
     return (
         text
@@ -73,6 +104,10 @@ class SimulationError(EladaptError):
 
 class RecordError(EladaptError):
     """A file that is not a readable record."""
+
+
+class MeshError(EladaptError):
+    """A mesh that is not read: foreign, too large or broken."""
 
 
 class HardwareError(EladaptError):
@@ -108,19 +143,27 @@ class StateError(EladaptError):
     """A file that is not the saved state of this controller, or a damaged one."""
 
 
-class BookkeepingWarning(UserWarning):
+class BookkeepingWarning(EladaptWarning):
     """Something beside the control of a moving robot failed, as a checkpoint; the robot is controlled on."""
 
 
-class MendedWarning(UserWarning):
+class MendedWarning(EladaptWarning):
     """A body of a robot file that was given the nearest physical inertia."""
 
 
-class UnitsWarning(UserWarning):
+class AssumedWarning(EladaptWarning):
+    """What a robot file does not say, that its dynamics need, and that was assumed."""
+
+
+class MeshWarning(EladaptWarning):
+    """A mesh that is not drawn, and why."""
+
+
+class UnitsWarning(EladaptWarning):
     """A robot file whose numbers fit no arm, as in grams and millimetres."""
 
 
-class RankWarning(UserWarning):
+class RankWarning(EladaptWarning):
     """The rank of the sampled regressors is not clear-cut."""
 
 

@@ -43,6 +43,17 @@ class Reference(NamedTuple):
         return Reference(self.q.copy(), self.v.copy(), self.a.copy())
 
 
+class Fault(NamedTuple):
+    """Why a torque gate does not let the controller's torque through any more."""
+
+    name: str  # one of the gate's FAULTS
+    t: float  # [s] by the robot's clock, as far as it is known
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.name} at t = {self.t:.4f} s: {self.message}"
+
+
 class Regression(NamedTuple):
     """Filtered linear regression ``y = omega @ theta`` (NLRPE), (LREq)."""
 

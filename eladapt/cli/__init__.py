@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from eladapt.cli.saying import say
 from eladapt.errors import EladaptError, UrdfError
 
 EXAMPLES = """examples:
@@ -29,7 +30,7 @@ class _Parser(argparse.ArgumentParser):
     """Says in one line what is wrong with a command."""
 
     def error(self, message: str) -> NoReturn:
-        print(f"error: {message} (see: {self.prog} --help)", file=sys.stderr)
+        say(f"error: {message} (see: {self.prog} --help)", file=sys.stderr)
         sys.exit(2)
 
 
@@ -41,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.showwarning = _warn
             return int(options.command(options) or 0)
     except KeyboardInterrupt:
-        print("error: interrupted", file=sys.stderr)
+        say("error: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:  # as by `eladapt robots | head -1`
         sys.stderr.close()
@@ -58,13 +59,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str) -> int:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    say(f"error: {' '.join(message.split())}", file=sys.stderr)
     return 1
 
 
 def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     if issubclass(category, UserWarning):  # what a library is to leave behind some day is not the user's
-        print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+        say(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _parser() -> _Parser:
@@ -123,7 +124,8 @@ def _parser() -> _Parser:
     run.add_argument("--duration", type=float, metavar="S",
                      help="of the run (default: the planned move and 1.5 s more, at least 4)")  # fmt: skip
     run.add_argument("--jump", action="store_true",
-                     help="let the set-point jump, instead of moving it within the arm's limits")  # fmt: skip
+                     help="let the set-point jump, instead of moving it within the arm's limits, and leave "
+                     "out the torque gate")  # fmt: skip
     run.add_argument(
         "--dt", type=float, default=1e-3, metavar="S", help="step of the controller (default: 0.001)"
     )
@@ -154,6 +156,7 @@ def _parser() -> _Parser:
     report.add_argument(
         "--label", nargs="+", metavar="NAME", help="a name for each record (default: its title)"
     )
+    _folders(report)
     report.add_argument(
         "--no-animation", action="store_true", help="leave out the motion in three dimensions (5 MB a record)"
     )
@@ -171,13 +174,21 @@ def _robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "robot", metavar="ROBOT", help="a name that `eladapt robots` lists, or the path of a URDF"
     )
-    parser.add_argument("--package-dir", action="append", default=[], metavar="FOLDER",
-                        help="where package://NAME/ is found; repeatable")  # fmt: skip
+    _folders(parser)
     parser.add_argument("--lock", action="append", default=[], metavar="JOINT",
                         help="a joint to hold still, * matches any characters, mimic means all that "
                         "follow another; repeatable")  # fmt: skip
     parser.add_argument("--mend", action="store_true",
                         help="take the nearest physical inertia for a body that is none")  # fmt: skip
+    parser.add_argument("--density", type=float, metavar="KG/M3",
+                        help="weigh moving links that have no inertia by their shapes, of this density "
+                        "(aluminium: 2700)")  # fmt: skip
+
+
+def _folders(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--package-dir", action="append", default=[], metavar="FOLDER",
+                        help="where package://NAME/ is found, and meshes may come from beside the URDF's "
+                        "own folder; repeatable")  # fmt: skip
 
 
 def _numbers(text: str) -> list[float]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eladapt.cli.saying import say, say_table
 from eladapt.errors import ArgumentError, EladaptError, UrdfError, require_number
 from eladapt.gains.derived import derive_gains
 from eladapt.gains.extremes import effort, extremes
@@ -18,7 +19,7 @@ from eladapt.robot.model import Robot
 def robots(_options: argparse.Namespace) -> None:
     """One line a robot."""
     for name in library.names():
-        print(f"{name:16} {library.entry(name).description}")
+        say(f"{name:16} {library.entry(name).description}")
 
 
 def find(options: argparse.Namespace) -> Robot:
@@ -29,12 +30,15 @@ def find(options: argparse.Namespace) -> Robot:
     given = str(options.robot)
     is_path = Path(given).suffix or "/" in given or Path(given).exists()
     if not is_path or given in library.names():
-        if options.lock or options.package_dir or options.mend:
+        if options.lock or options.package_dir or options.mend or options.density is not None:
             raise ArgumentError(
-                f"--lock, --package-dir, --mend: {given} is the library's; they go with the path of a URDF"
+                f"--lock, --package-dir, --mend, --density: {given} is the library's; "
+                "they go with the path of a URDF"
             )
         return Robot.load(given)
-    return Robot.from_urdf(given, options.package_dir, options.lock, mend=options.mend)
+    return Robot.from_urdf(
+        given, options.package_dir, options.lock, mend=options.mend, density=options.density
+    )
 
 
 def check(options: argparse.Namespace) -> None:
@@ -45,15 +49,17 @@ def check(options: argparse.Namespace) -> None:
     except UrdfError as reason:
         if len(reason.findings) > 1:
             for finding in reason.findings:
-                print(f"- {finding}")
+                say(f"- {finding}")
             raise EladaptError(f"{reason.path}: {len(reason.findings)} faults, listed above") from reason
         raise
     locked = ", ".join(robot.locked) or "none"
-    print(
-        f"{robot.path}\n{robot.name}: no faults found; {robot.nv} joints, locked: {locked}; tool {robot.tool}"
-    )
+    say(robot.path)
+    say(f"{robot.name}: no faults found; {robot.nv} joints, locked: {locked}; tool {robot.tool}")
+    if robot.weighed:
+        masses = ", ".join(f"{name} {body.mass:.3g} kg" for name, body in robot.weighed.items())
+        say(f"without <inertial>, weighed by their shapes at {robot.density:g} kg/m^3: {masses}")
     regressors = Regressors(robot)
-    print(f"base parameters: {len(regressors)} of {10 * robot.nv} standard ones, "
+    say(f"base parameters: {len(regressors)} of {10 * robot.nv} standard ones, "
           f"{regressors.n_potential} of gravity; "
           f"the singular values drop {regressors.rank_gap:.0e}-fold behind the last")  # fmt: skip
     _limits(robot)
@@ -62,20 +68,21 @@ def check(options: argparse.Namespace) -> None:
         gains = derive_gains(regressors, dt)
     except ArgumentError as reason:
         raise EladaptError(f"no gains at {1 / dt:g} Hz: {reason}") from reason
-    print(f"\ngains exist at {1 / dt:g} Hz:\n{gains}")
+    say_table(f"\ngains exist at {1 / dt:g} Hz:\n{gains}")
 
 
 def _limits(robot: Robot) -> None:
     assumed = effort(robot, extremes(robot))
     wide = max(5, *map(len, robot.joint_names))
-    print(f"\n{'joint':{wide}} {'from':>8} {'to':>8} {'velocity':>9} {'effort':>8}")
+    say("")
+    say(f"{'joint':{wide}} {'from':>8} {'to':>8} {'velocity':>9} {'effort':>8}")
     for k, name in enumerate(robot.joint_names):
         unset = "" if np.isfinite(robot.effort_limit[k]) else f"  (gains assume {assumed[k]:.3g})"
-        print(f"{name:{wide}} {robot.lower[k]:8.3g} {robot.upper[k]:8.3g} {robot.velocity_limit[k]:9.3g} "
+        say(f"{name:{wide}} {robot.lower[k]:8.3g} {robot.upper[k]:8.3g} {robot.velocity_limit[k]:9.3g} "
               f"{robot.effort_limit[k]:8.3g}{unset}")  # fmt: skip
-    print("rad, rad/s, N m (m, m/s, N of sliding joints); inf: the URDF sets none")
+    say("rad, rad/s, N m (m, m/s, N of sliding joints); inf: the URDF sets none")
     if robot.damping.any() or robot.friction.any():
-        print(
+        say(
             "the URDF has joint damping or friction: the controller starts from it, --plant mujoco applies it"
         )
 
@@ -84,6 +91,6 @@ def _drawable(robot: Robot) -> None:
     from eladapt.viewing.scene import visuals_of
 
     try:
-        print(f"visual shapes: {visuals_of(robot).ngeoms}")
+        say(f"visual shapes: {len(visuals_of(robot))}")
     except EladaptError as reason:
-        print(f"warning: it can be controlled but not drawn: {' '.join(str(reason).split())}")
+        say(f"warning: it can be controlled but not drawn: {' '.join(str(reason).split())}")

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eladapt.cli.saying import say
 from eladapt.errors import EladaptError
 
 NEEDED = (
@@ -48,7 +49,7 @@ def doctor(_options: argparse.Namespace) -> int:
     grades = []
     for part in (_python, _packages, _pinocchio, _robots, _loopback, _speed):
         for finding in _safely(part):
-            print(f"{finding.grade:4}  {finding.text}", flush=True)
+            say(f"{finding.grade:4}  {finding.text}", flush=True)
             grades.append(finding.grade)
     return 1 if "FAIL" in grades else 0
 

@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 
 from eladapt.cli.checking import find
+from eladapt.cli.saying import say, say_table
 from eladapt.control.composite import CompositeController
 from eladapt.control.reports import carried, friction
 from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_number, require_vector
+from eladapt.files import file_name
 from eladapt.motion.motions import move
-from eladapt.motion.shaped import Shaped, ShapedState
+from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
+from eladapt.safety.gated import GatedController
 from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.run import simulate
@@ -41,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
         raise ArgumentError(f"--duration: expected at least a step of {dt:g} s, got {duration:g} s")
     plant = _plant(robot, start, options)
     controller = CompositeController.for_robot(robot, dt)
-    stepped = controller if options.jump else Shaped(controller)
+    stepped = controller if options.jump else Shaped(GatedController.for_robot(controller, dt))
     title = robot.name + (f", {options.payload:g} kg" if options.payload is not None else "")
 
     options.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is said before the run
@@ -75,7 +78,7 @@ def run(options: argparse.Namespace) -> None:
     if failure is not None:
         raise EladaptError(f"{failure}; what happened until then is in {written[0]}") from failure
     _say(record, controller)
-    print(f"wrote {', '.join(map(str, written))}")
+    say(f"wrote {', '.join(map(str, written))}")
     if options.view:
         from eladapt.viewing.viewer import view
 
@@ -86,11 +89,11 @@ def report(options: argparse.Namespace) -> None:
     """Write the page. Raises RecordError for a file that is no record."""
     from eladapt.display.report import report as write
 
-    records = [Record.load(path) for path in options.records]
+    records = [Record.load(path, options.package_dir) for path in options.records]
     out = options.out or options.records[0].with_suffix(".html")
     if out.exists() and out.is_dir():
         raise ArgumentError(f"--out: expected the name of a page, got the folder {out}")
-    print(f"wrote {write(records, out, labels=options.label, animation=not options.no_animation)}")
+    say(f"wrote {write(records, out, labels=options.label, animation=not options.no_animation)}")
 
 
 def _plant(robot: Robot, start: np.ndarray, options: argparse.Namespace) -> Any:
@@ -134,8 +137,10 @@ def _own_goal(robot: Robot) -> np.ndarray:
 
 
 def _inner(state: Any) -> Any:
-    """The controller's state."""
-    return state.inner if isinstance(state, ShapedState) else state
+    """The controller's own state, of whatever stands around it."""
+    while hasattr(state, "inner"):
+        state = state.inner
+    return state
 
 
 def _certified(record: Record, controller: CompositeController, dt: float) -> Record:
@@ -149,28 +154,29 @@ def _write(record: Record, folder: Path) -> list[Path]:
     """Record and plot, and the report where Bokeh is installed."""
     from eladapt.display.plots import plot
 
-    stem = folder / Path(record.robot_source.get("load") or record.robot_source["name"]).name
-    written = [record.save(stem.with_suffix(".npz"))]
-    plot(record, stem.with_suffix(".png"))
-    written.append(stem.with_suffix(".png"))
+    stem = file_name(record.robot_source.get("load") or record.robot_source["name"], "robot")
+    written = [record.save(folder / f"{stem}.npz")]
+    plot(record, folder / f"{stem}.png")
+    written.append(folder / f"{stem}.png")
     try:
         from eladapt.display.report import report as write
     except EladaptError as reason:
-        print(f"warning: {reason}")
+        say(f"warning: {reason}")
     else:
-        written.append(write(record, stem.with_suffix(".html")))
+        written.append(write(record, folder / f"{stem}.html"))
     return written
 
 
 def _say(record: Record, controller: CompositeController) -> None:
     m = record.metrics()
-    print(f"every joint below 1e-3 rad after {m.settling_time:.2f} s" if np.isfinite(m.settling_time)
+    say(f"every joint below 1e-3 rad after {m.settling_time:.2f} s" if np.isfinite(m.settling_time)
           else f"not settled below 1e-3 rad after {record.t[-1]:g} s")  # fmt: skip
-    print(f"steady error {m.steady_error:.1e} rad, torque ripple at rest {m.chatter:.1e} N m")
-    if np.isfinite(m.peak_speed):
-        print(f"fastest joint at {m.peak_speed:.0%} of its speed limit")
+    say(f"steady error {m.steady_error:.1e} rad, torque ripple at rest {m.chatter:.1e} N m")
+    say(f"largest speed: {m.speed_said}")
+    say(f"joint range: {m.range_said}")
+    say(f"fault: {m.faults_said}")
     if record.carried is not None:
         load = carried(controller, record.final_state)
-        print(f"load, as estimated: {load.mass:.4g} kg")
+        say(f"load, as estimated: {load.mass:.4g} kg")
     if controller.regressors.n_friction:
-        print(friction(controller, record.final_state))
+        say_table(friction(controller, record.final_state))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +26,7 @@ STYLE: Any = {
 DASHES = ("-", (0, (6, 1.5)), (0, (5, 1.2, 1, 1.2)), (0, (2, 1)), (0, (7, 1, 1, 1, 1, 1)))
 MOST_NUMBERS = 14  # estimates that are numbered at their right end
 NEAR = 0.5  # of a limit: from there on it is drawn
+LABEL = 0.08  # of a panel's height, by which two labels must be apart
 LONGEST_LABEL = 84  # characters
 
 
@@ -84,15 +84,12 @@ def _alone(record: Record, heading: str) -> Figure:
     rows = max(len(motion), len(learnt))
     height = 2.2 * rows + 0.9 + 0.08 * record.theta.shape[1]
     figure = Figure(figsize=(11, height), layout="constrained")
-    grid = figure.subplots(rows, 2, sharex=True)
-    for column, shown in zip(grid.T, (motion, learnt), strict=True):
-        for axes, panel in itertools.zip_longest(column, shown):
-            if panel is None:
-                axes.remove()
-            else:
-                _draw([axes], panel, [record])
-        column[len(shown) - 1].set_xlabel("time [s]")
-        column[len(shown) - 1].tick_params(labelbottom=True)
+    halves = figure.add_gridspec(1, 2)
+    for half, shown in enumerate((motion, learnt)):  # fewer panels are higher
+        column = halves[half].subgridspec(len(shown), 1).subplots(sharex=True, squeeze=False)[:, 0]
+        for axes, panel in zip(column, shown, strict=True):
+            _draw([axes], panel, [record])
+        column[-1].set_xlabel("time [s]")
     _legends(figure, [record], heading)
     return figure
 
@@ -212,23 +209,31 @@ def _torque_limits(axes: Axes, record: Record) -> None:
 
 
 def _limits(axes: Axes, values: np.ndarray, limits: np.ndarray) -> None:
-    """The limits (nv,), up or down, of those joints whose own values (N, nv) come near them."""
+    """The limits (nv,), up or down, of those joints whose own values (N, nv) come near them; limits that are
+    too close to each other for two labels have one."""
     high, low = (np.nan_to_num(bound(values, axis=0, initial=0.0)) for bound in (np.nanmax, np.nanmin))
-    for sign, farthest in ((1, high), (-1, -low)):
-        near = farthest >= NEAR * limits
-        for limit in sorted(set(limits[near])):
-            joints = np.flatnonzero(near & (limits == limit)) + 1
-            axes.axhline(sign * limit, color="0.3", linestyle=(0, (8, 4)), linewidth=0.8)
+    signed = [(limits, high >= NEAR * limits), (-limits, -low >= NEAR * limits)]
+    for bounds, near in signed:
+        for level in np.unique(bounds[near]):
+            axes.axhline(level, color="0.3", linestyle=(0, (8, 4)), linewidth=0.8)
             bottom, top = axes.get_ylim()
-            axes.set_ylim(min(bottom, -1.1 * limit) if sign < 0 else bottom,
-                          max(top, 1.1 * limit) if sign > 0 else top)  # fmt: skip
-            axes.annotate(
-                f"limit of joint {', '.join(map(str, joints))}", (0.995, sign * limit),
-                xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=7, color="0.3",
-            )  # fmt: skip
+            axes.set_ylim(min(bottom, 1.1 * level), max(top, 1.1 * level))
+    bottom, top = axes.get_ylim()
+    for bounds, near in signed:
+        levels = np.unique(bounds[near])
+        for group in np.split(levels, np.flatnonzero(np.diff(levels) > LABEL * (top - bottom)) + 1):
+            joints = np.flatnonzero(near & np.isin(bounds, group)) + 1
+            if len(joints):
+                axes.annotate(
+                    f"limit of joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}",
+                    (0.995, group[-1]), xycoords=("axes fraction", "data"), ha="right", va="bottom",
+                    fontsize=7, color="0.3",
+                )  # fmt: skip
 
 
 def _estimates(axes: Axes, record: Record) -> None:
+    if not record.theta.shape[1]:
+        _nothing(axes, "nothing is estimated")
     for index, column in enumerate(record.theta.T):
         colour = _look(index)["color"]
         axes.plot(*reduced(record.t, column), color=colour)

@@ -65,7 +65,8 @@ def report(
     given = [tables.plain_certificate(certificate) for certificate in certificates]
     title = names[0] if len(several) == 1 else f"{len(several)} runs"
     heading = f"<h1 style='font-size: 22px; margin: 0'>{html.escape(title)}</h1>"
-    overview = [_text("<h2>Metrics</h2>" + tables.metrics(several, names) + MEANING)]
+    metrics, limits = tables.metrics(several, names), tables.limits(several, names)
+    overview = [_text(f"<h2>Metrics</h2>{metrics}<h2>Limits</h2>{limits}{MEANING}")]
     if len(several) == 1:
         sections = _sections(several[0], given, animation)
         first, rest = sections[0], sections[1:]
@@ -86,8 +87,9 @@ def report(
 WIDE: Any = {"sizing_mode": "stretch_width"}
 MEANING = (
     "<p>Settled: every joint's error stays below 1e-3 rad from then on. Steady error, torque ripple (peak to "
-    "peak, less its trend): the largest of the last second. θ: all gravity parameters. Drag a rectangle to "
-    "zoom, click a name in a legend to hide its line, hover over a line for its values.</p>"
+    "peak, less its trend): the largest of the last second. θ: all gravity parameters. Limits of speed and "
+    "range: the URDF's. Fault: a gate's; without a gate none is recorded. Drag a rectangle to zoom, click a "
+    "name in a legend to hide its line, hover over a line for its values.</p>"
 )
 
 

@@ -32,17 +32,29 @@ METRICS = (
 
 def metrics(records: Sequence[Record], labels: Sequence[str]) -> str:
     """Figures of merit, a row a record."""
-    shares = ["largest share of a torque limit", "of a speed limit"]
-    head = ["run", *(f"{name} [{unit}]" for name, unit in METRICS), *shares]
+    head = ["run", *(f"{name} [{unit}]" for name, unit in METRICS)]
+    rows = []
+    for label, record in zip(labels, records, strict=True):
+        found = record.metrics()
+        values = (
+            found.settling_time, found.steady_error, found.parameter_settling, found.chatter,
+            found.control_energy,
+        )  # fmt: skip
+        rows.append([label, *("never" if np.isposinf(value) else figure(value) for value in values)])
+    return table(head, rows, numbers=range(1, len(head)))
+
+
+def limits(records: Sequence[Record], labels: Sequence[str]) -> str:
+    """How each record stands with the arm's limits and with the gate, a row a record."""
+    head = ["run", "largest torque", "largest speed", "joint range", "fault"]
     rows = []
     for label, record in zip(labels, records, strict=True):
         with np.errstate(invalid="ignore"):
             share = np.nanmax(np.abs(record.tau) / record.effort_limit, initial=0.0)
+        torque = f"{share:.0%} of the limit" if share else "no joint has a limit"
         found = record.metrics()
-        figures = ["never" if np.isposinf(value) else figure(value) for value in found[: len(METRICS)]]
-        speed = "no limits" if math.isnan(found.peak_speed) else f"{found.peak_speed:.0%}"
-        rows.append([label, *figures, f"{share:.0%}" if share else "no limits", speed])
-    return table(head, rows, numbers=range(1, len(head)))
+        rows.append([label, torque, found.speed_said, found.range_said, found.faults_said])
+    return table(head, rows)
 
 
 def setup(record: Record) -> str:

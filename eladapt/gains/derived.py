@@ -13,18 +13,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number
+from eladapt.errors import ArgumentError, UnknownNameError, printable, require_gain, require_number
 from eladapt.estimation.adaptation import RESOLVED
 from eladapt.gains.extremes import Mode, adaptation_mode, configurations, effort, extremes, fall_mode
 from eladapt.gains.rules import Rule, rules_table, shown
 from eladapt.gains.sensing import Hardware, choose_floor, choose_horizon
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
+from eladapt.robot.rotors import ASSUMED_ROTOR_ACCELERATION
 
 GAMMA, GAMMA_LEAST = 0.2, 0.002
 # [rad/s^2] A rotor that the effort limit could not turn faster than this is not believed (a Panda's wrist:
-# 0.24 kg m^2), and one of an eighth of that is what D reckons with (0.03 kg m^2).
-LEAST_ROTOR_ACCELERATION, ASSUMED_ROTOR_ACCELERATION = 50.0, 400.0
+# 0.24 kg m^2); D reckons with the assumed one, of an eighth of that.
+LEAST_ROTOR_ACCELERATION = 50.0
 # Of the effort limit: friction of some parts of it must not hold a joint far from its goal.
 LEAST_STIFFNESS = 0.3
 LEAST_SLIDING = 5e-3  # [rad/s]: five times a velocity noise that nobody told
@@ -236,5 +237,5 @@ def _by_joint(robot: Robot, masks: Mapping[str, np.ndarray]) -> str:
         if mask.all():
             return f"{text}: all joints"
         if mask.any():
-            parts.append(f"{text}: {', '.join(np.array(robot.joint_names)[mask])}")
+            parts.append(f"{text}: {', '.join(map(printable, np.array(robot.joint_names)[mask]))}")
     return "; ".join(parts)

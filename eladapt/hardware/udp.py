@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eladapt.errors import HardwareError, require_number
+from eladapt.gains.extremes import effort, extremes
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.robot.model import Robot
 from eladapt.robot.protocols import Plant
@@ -27,6 +28,7 @@ HEADER = struct.Struct("<4s4sQ")  # magic, kind, number
 MAGIC = b"ELA1"
 START, STATE, TORQUE, STOP = b"strt", b"stat", b"torq", b"stop"
 LOOPBACK = "127.0.0.1"
+MOST_PACKETS = 64  # in a period: 0.3 ms to read; a controller sends one
 
 
 class Packet(NamedTuple):
@@ -147,7 +149,8 @@ class Served(NamedTuple):
 
     commands: int  # torques that were taken
     without: int  # periods in which none came: the one before was held
-    refused: int  # packets that were none, or torques that were not finite
+    refused: int  # packets that were none, torques that were not finite, and others' before the start
+    clipped: int  # torques that were beyond the joints' effort limits, and were held to them
     timing: Timing
     ended: str  # "stop", "silence" or "nobody came"
 
@@ -164,12 +167,14 @@ def serve(
     """The robot's end: a plant that runs in real time on a port of loopback that the system chooses.
 
     ready: called with that port. The brakes hold until the first torque comes. Ends when it is told to stop,
-    when nothing is heard for ``silence`` [s], or when nobody comes for ``patience`` [s].
+    when nothing is heard for ``silence`` [s], or when nobody comes for ``patience`` [s]. Who starts it first
+    has it. A torque is held to the effort limits, the URDF's or what a `TorqueGate` takes where it sets none.
+    No more than `MOST_PACKETS` are looked at in a period, so that the robot's clock goes on whatever comes.
     """
-    nv = plant.robot.nv
+    nv, most = plant.robot.nv, effort(plant.robot, extremes(plant.robot))
     sizes = {START: 0, TORQUE: nv, STOP: 0}
     measurement = plant.reset()
-    tau, number, newest, commands, without, refused = np.zeros(nv), 0, 0, 0, 0, 0
+    tau, number, newest, commands, without, refused, clipped = np.zeros(nv), 0, 0, 0, 0, 0, 0
     client, ended, heard = None, "nobody came", time.monotonic() + patience - silence
     pacer = Pacer(dt, 1_000_000)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server, undisturbed(priority):
@@ -180,7 +185,7 @@ def serve(
         while time.monotonic() - heard < silence:
             pacer.began(0.0)
             fresh = False
-            while True:
+            for _ in range(MOST_PACKETS):
                 try:
                     data, sender = server.recvfrom(65536)
                 except BlockingIOError:
@@ -193,12 +198,14 @@ def serve(
                     continue
                 if client is None and packet.kind == START:
                     client, newest, ended = sender, 0, "silence"
+                    server.connect(client)  # the system drops what others send
                 if client is None or packet.number <= newest:
                     continue
                 newest, heard = packet.number, time.monotonic()
                 if packet.kind == TORQUE:
-                    tau, fresh = packet.values, True
+                    tau, fresh = np.clip(packet.values, -most, most), True
                     commands += 1
+                    clipped += bool((tau != packet.values).any())
                 elif packet.kind == STOP:
                     ended, heard = "stop", -math.inf
             if commands and ended != "stop":
@@ -209,6 +216,6 @@ def serve(
                 t, q, v, applied = measurement
                 state = Packet(STATE, number, np.concatenate([[t], q, v, applied]))
                 with contextlib.suppress(ConnectionError, BlockingIOError):
-                    server.sendto(state.pack(), client)
+                    server.send(state.pack())
             pacer.wait()
-    return Served(commands, without, refused, pacer.timing(), ended)
+    return Served(commands, without, refused, clipped, pacer.timing(), ended)

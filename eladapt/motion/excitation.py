@@ -9,7 +9,7 @@ import pinocchio as pin
 from scipy.optimize import minimize
 from tqdm import tqdm
 
-from eladapt.errors import ArgumentError, require_number
+from eladapt.errors import ArgumentError, printable, require_number
 from eladapt.gains.extremes import effort, extremes
 from eladapt.motion.limits import MotionLimits
 from eladapt.motion.motions import Course, Motion
@@ -81,7 +81,8 @@ def excitation(
     found = best
     if rounds:
         quiet = None if progress else True
-        with tqdm(total=rounds, desc=f"excitation of {robot.name}", unit="round", disable=quiet) as bar:
+        said = f"excitation of {printable(robot.name)}"
+        with tqdm(total=rounds, desc=said, unit="round", disable=quiet) as bar:
             search = minimize(
                 lambda z: np.log(problem.condition(z)), best, method="L-BFGS-B",
                 callback=lambda _: bar.update(),

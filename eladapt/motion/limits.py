@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from eladapt.errors import ArgumentError, require_gain, require_number
-from eladapt.gains.derived import ASSUMED_ROTOR_ACCELERATION
 from eladapt.gains.extremes import SAMPLES, configurations, effort, extremes
 from eladapt.gains.rules import Rule, rules_table, shown
 from eladapt.robot.model import Robot
+from eladapt.robot.rotors import ASSUMED_ROTOR_ACCELERATION
 
 UNSET_VELOCITY = 2.0  # [rad/s or m/s] where neither URDF nor maker sets one
 SHARE = 0.5  # of the torque that gravity leaves: the rest is for loads, friction and what tracking takes

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.records.record import Record, chatter
+from eladapt.records.metrics import chatter
+from eladapt.records.record import Record
 
 FINITE_TIME = ("C1", "C2", "C3")
 ARRIVED = 1e-3  # [rad]

@@ -4,34 +4,34 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tokenize import TokenError
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from eladapt.errors import ArgumentError, RecordError
+from eladapt.errors import ArgumentError, RecordError, require_number
 from eladapt.files import atomic_write
+from eladapt.records.archive import read_archive, reading
+from eladapt.records.metrics import Extreme, Metrics, chatter, furthest_beyond, largest_speed, settled
+from eladapt.signals import Fault
 
 FORMAT = 2
-ARRAYS = ("t", "q", "v", "tau", "goal", "error", "parameters", "effort_limit", "velocity_limit")
-OPTIONAL_ARRAYS = (
-    "goal_velocity", "goal_acceleration", "delta", "zeta", "zeta_integral", "level", "innovation", "external",
-    "excitation", "carried", "parameters_true", "parameters_true_course",
-)  # fmt: skip
-
-
-class Metrics(NamedTuple):
-    """Figures of merit of a run."""
-
-    settling_time: float  # [s] from when on every |e_i| stays below the threshold; inf if it does not
-    steady_error: float  # [rad] largest |e_i| in the last second
-    parameter_settling: float  # [s] from when on every |theta error| stays below 1 %; nan if unknown
-    chatter: float  # [N m] largest peak-to-peak torque, less its trend, in the last second
-    control_energy: float  # [N^2 m^2 s] integral of |tau|^2
-    peak_speed: float  # [-] largest |v_i| as a part of the joint's limit; nan where no joint has one
+# Of the arrays in memory; above that, times the file's size. Those of moves take three times what it has.
+MOST_BYTES, MOST_GROWTH = 1 << 27, 50
+SHAPES = {
+    "t": ("N",), "q": ("N", "nq"), "v": ("N", "nv"), "tau": ("N", "nv"), "goal": ("N", "nq"),
+    "error": ("N", "nv"), "parameters": ("N", "l"), "effort_limit": ("nv",), "velocity_limit": ("nv",),
+    "goal_velocity": ("N", "nv"), "goal_acceleration": ("N", "nv"), "delta": ("N", "k"), "zeta": ("N", "k"),
+    "zeta_integral": ("N", "k"), "level": ("N",), "innovation": ("N",), "external": ("N", "nv"),
+    "excitation": ("m", "1 + j"),
+    "carried": ("n", "6"), "parameters_true": ("l",), "parameters_true_course": ("N", "l"),
+    "lower": ("nv",), "upper": ("nv",), "q_index": ("nv",),
+}  # fmt: skip
+KINDS = {"title": str, "configuration": dict, "robot_source": dict, "n_potential": int}
+ARRAYS = tuple(SHAPES)[:9]
+OPTIONAL_ARRAYS = tuple(SHAPES)[9:]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +42,7 @@ class Record:
     arm at the end; where a load came or went, parameters_true_course has it sample by sample. The gravity
     parameters theta are the last ``n_potential`` ones. ``configuration`` says what made the record:
     controller, robot and versions, in plain JSON types. What is None was not there: a goal that stood still
-    has no velocity, and only some laws have Delta and zeta.
+    has no velocity, only some laws have Delta and zeta, and only a gate has faults.
     """
 
     t: np.ndarray  # (N,) [s]
@@ -73,6 +73,10 @@ class Record:
     external: np.ndarray | None = None  # (N, nv) [N m] what was felt to act on the arm from outside
     excitation: np.ndarray | None = None  # (m, 1 + j) t [s], what is known of gravity, in [0, 1]
     carried: np.ndarray | None = None  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
+    lower: np.ndarray | None = None  # (nv,) [rad or m] of the joints' ranges, -inf where there is none
+    upper: np.ndarray | None = None  # (nv,) inf where there is none
+    q_index: np.ndarray | None = None  # (nv,) where a joint's coordinate stands in q
+    faults: tuple[Fault, ...] | None = None  # that a gate latched, in their order
     final_state: Any = None  # the controller's last; not saved
 
     def __len__(self) -> int:
@@ -126,26 +130,33 @@ class Record:
 
     def settling_time(self, threshold: float = 1e-3) -> float:
         """[s] from when on every |e_i| stays below ``threshold`` [rad]; inf if it does not."""
-        return _settled(self.t, np.abs(self.error).max(axis=1) < threshold)
+        return settled(self.t, np.abs(self.error).max(axis=1) < threshold)
 
     def parameter_settling(self, relative: float = 0.01) -> float:
         """[s] from when on every theta stays within ``relative`` of its true value."""
         bound = relative * np.abs(self.theta_true if self.theta_true is not None else np.nan)
-        return _settled(self.t, np.all(np.abs(self.theta_error) < bound, axis=1))
+        return settled(self.t, np.all(np.abs(self.theta_error) < bound, axis=1))
 
     def metrics(self, threshold: float = 1e-3) -> Metrics:
-        """Settling, steady error, chatter, energy and speed; ``threshold`` [rad]."""
-        last = self.t >= self.t[-1] - 1
-        known, limited = self.parameters_true is not None, np.isfinite(self.velocity_limit)
-        speed = np.abs(self.v[:, limited]) / self.velocity_limit[limited]
+        """Settling, steady error, chatter, energy, speed, range and faults; ``threshold`` [rad]."""
+        last, known = self.t >= self.t[-1] - 1, self.parameters_true is not None
         return Metrics(
             settling_time=self.settling_time(threshold),
             steady_error=float(np.abs(self.error[last]).max()),
             parameter_settling=self.parameter_settling() if known else float("nan"),
             chatter=chatter(self.t[last], self.tau[last]),
             control_energy=float(np.sum(self.tau**2) * self.dt),
-            peak_speed=float(speed.max()) if limited.any() else float("nan"),
+            speed=largest_speed(self.t, self.v, self.velocity_limit, self.dt, self.joint_names),
+            beyond=self._beyond(),
+            faults=self.faults,
         )
+
+    def _beyond(self) -> Extreme | None:
+        """Furthest beyond a joint's range; None where the ranges were not recorded."""
+        if self.q_index is None or self.lower is None or self.upper is None:
+            return None
+        x = self.q[:, self.q_index]
+        return furthest_beyond(self.t, x, self.lower, self.upper, self.dt, self.joint_names)
 
     def save(self, path: str | Path) -> Path:
         """Write one compressed .npz, first to a temporary name; returns its path."""
@@ -165,52 +176,72 @@ class Record:
         return path
 
     @classmethod
-    def load(cls, path: str | Path) -> Record:
-        """Read what `save` wrote. Raises RecordError for anything else."""
-        if Path(path).is_file() and not zipfile.is_zipfile(path):
-            raise RecordError(f"{path}: not a record, or a damaged one; Record.save writes an .npz")
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                header = json.loads(str(file["header"]))
-                arrays = {name: file[name] for name in file.files if name != "header"}
-        except FileNotFoundError:
-            raise RecordError(f"{path}: no such record; Record.save writes one") from None
-        except (
-            OSError,
-            ValueError,
-            KeyError,
-            EOFError,
-            SyntaxError,
-            TokenError,
-            zipfile.BadZipFile,
-        ) as reason:
-            raise RecordError(f"{path}: not a record, or a damaged one ({reason})") from reason
-        if (given := header.pop("format", None)) != FORMAT:
-            made = header.get("configuration", {}).get("versions", {}).get("eladapt", "another release")
-            raise RecordError(
-                f"{path}: a record in format {given}, written by eladapt {made}; this one reads format "
-                f"{FORMAT}. Run the simulation again, or open it with that release"
+    def load(cls, path: str | Path, package_dirs: Sequence[str | Path] = ()) -> Record:
+        """Read what `save` wrote. Raises RecordError for anything else.
+
+        package_dirs: whence the robot's meshes may be drawn, beside the folder of its URDF. A record does not
+        say so itself: it may come from somebody else.
+        """
+        path = Path(path)
+        with reading(path, "record", "Record.save", RecordError):
+            header, arrays = read_archive(path, MOST_BYTES, MOST_GROWTH)
+            if (given := header.pop("format", None)) != FORMAT:
+                made = header.get("configuration", {}).get("versions", {}).get("eladapt", "another release")
+                raise RecordError(
+                    f"{path}: a record in format {given}, written by eladapt {made}; this one reads format "
+                    f"{FORMAT}. Run the simulation again, or open it with that release"
+                )
+            missing = [name for name in ARRAYS if name not in arrays]
+            if missing:
+                raise RecordError(f"{path}: lacks {', '.join(missing)}; make it again")
+            for name in ("joint_names", "parameter_labels"):
+                header[name] = tuple(header[name])
+            if header.get("faults") is not None:
+                header["faults"] = tuple(_fault(*fault) for fault in header["faults"])
+            fields: dict[str, Any] = {**dict.fromkeys(OPTIONAL_ARRAYS), **arrays}
+            record = cls(**fields, **header, final_state=None)
+            record._require_consistent()
+        if "urdf" in record.robot_source:
+            record.robot_source["package_dirs"] = [str(Path(folder).resolve()) for folder in package_dirs]
+        return record
+
+    def _require_consistent(self) -> None:
+        """Raises ValueError where what was read is not of the kinds and shapes that the fields have."""
+        for name, kind in KINDS.items():
+            if not isinstance(value := getattr(self, name), kind):
+                raise ValueError(f"{name}: expected {kind.__name__}, got {type(value).__name__}")
+        require_number("dt", self.dt, 0)
+        if not all(isinstance(name, str) for name in (*self.joint_names, *self.parameter_labels)):
+            raise ValueError("joint_names, parameter_labels: expected texts")
+        if not 0 <= self.n_potential <= len(self.parameter_labels):
+            raise ValueError(
+                f"n_potential: expected 0 to {len(self.parameter_labels)}, got {self.n_potential}"
             )
-        missing = [name for name in ARRAYS if name not in arrays]
-        if missing:
-            raise RecordError(f"{path}: lacks {', '.join(missing)}; make it again")
-        for name in ("joint_names", "parameter_labels"):
-            header[name] = tuple(header[name])
-        optional = dict.fromkeys(OPTIONAL_ARRAYS)
-        return cls(**{**optional, **arrays, **header})
+        if not {"load", "urdf"} & self.robot_source.keys():
+            raise ValueError("robot_source: expected load or urdf in it")
+        sizes = {"nv": len(self.joint_names), "l": len(self.parameter_labels), "6": 6}
+        for name, letters in SHAPES.items():
+            if (array := getattr(self, name)) is not None:
+                _require_shape(name, array, letters, sizes)
+        if not sizes["N"]:
+            raise ValueError("expected at least one sample")
+        legal = np.arange(sizes["nq"])
+        index = legal if self.q_index is None else self.q_index
+        if index.dtype.kind not in "iu" or not np.isin(index, legal).all():
+            raise ValueError(f"q_index: expected whole numbers from 0 to {len(legal) - 1}, got {index}")
 
 
-def chatter(t: np.ndarray, tau: np.ndarray) -> float:
-    """[N m] the largest peak-to-peak torque of a joint over the samples, less a linear trend."""
-    if len(t) < 3:
-        return 0.0
-    design = np.column_stack([t - t.mean(), np.ones_like(t)])
-    trend = design @ np.linalg.lstsq(design, tau, rcond=None)[0]
-    return float(np.ptp(tau - trend, axis=0).max())
+def _fault(name: object, t: object, message: object) -> Fault:
+    """A fault as it was written. Raises ValueError for what is none."""
+    if not (isinstance(name, str) and isinstance(message, str)):
+        raise ValueError(f"faults: expected texts, got {name!r} and {message!r}")
+    return Fault(name, require_number("faults", t, -np.inf), message)
 
 
-def _settled(t: np.ndarray, inside: np.ndarray) -> float:
-    outside = np.flatnonzero(~inside)
-    if not len(outside):
-        return float(t[0])
-    return float("inf") if outside[-1] == len(t) - 1 else float(t[outside[-1] + 1])
+def _require_shape(name: str, array: np.ndarray, letters: Sequence[str], sizes: dict[str, int]) -> None:
+    """Raises ValueError for another shape, or other sizes by letter; sizes that are new are kept."""
+    new = dict(zip(letters, array.shape, strict=False))
+    expected = {letter: sizes.setdefault(letter, size) for letter, size in new.items()}
+    if array.dtype.kind not in "biuf" or array.ndim != len(letters) or new != expected:
+        wanted = ", ".join(f"{letter} = {sizes.get(letter, '?')}" for letter in letters)
+        raise ValueError(f"{name}: expected numbers of shape ({wanted}), got {array.shape} of {array.dtype}")

@@ -11,6 +11,7 @@ zeta_integral                     such numbers; k = 1, or one a direction
 level                     ()      smallest eigenvalue of what was accumulated
 innovation                ()      what the last regression said that nothing before it had
 external                  (nv,)   what acts on the arm from outside [N m]
+fault                     Fault   a gate's, None as long as it lets the torque through
 excitation (reviewed)     (j,)    how much of gravity is known: eigenvalues in [0, 1]
 carried (reviewed)        (5,)    the load's mass [kg], its centre [m], and the misfit
 ========================= ======= ======================================================================
@@ -29,9 +30,19 @@ from eladapt.records.description import describe, describe_plant, versions
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
 from eladapt.robot.protocols import BareController, Rubbing, recorded_by, truth_of
-from eladapt.signals import Reference
+from eladapt.signals import Fault, Reference
 
-SAMPLED = ("parameters", "theta", "delta", "zeta", "zeta_integral", "level", "innovation", "external")
+SAMPLED = (
+    "parameters",
+    "theta",
+    "delta",
+    "zeta",
+    "zeta_integral",
+    "level",
+    "innovation",
+    "external",
+    "fault",
+)
 REVIEWED = ("excitation", "carried")
 REVIEW_PERIOD = 1 / 30  # [s] as often as it is drawn
 
@@ -54,6 +65,7 @@ class Recorder:
         self._columns: dict[str, np.ndarray] = {}
         self._state: Any = None
         self._kept: list[tuple[float, Any]] = []  # states that are reviewed afterwards
+        self._faults: list[Fault] | None = None  # None: there is no gate
 
     def add(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: Reference, state: Any
@@ -76,11 +88,19 @@ class Recorder:
     def _sample(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: Reference, state: Any
     ) -> dict[str, Any]:
+        kept = {**_named(self._recorded.recorded(state), SAMPLED, "recorded")}
+        if "fault" in kept:
+            self._notice(kept.pop("fault"))
         return {
             "t": t, "q": q, "v": v, "tau": tau, "error": _error(self.robot, goal.q, q),
-            "goal": goal.q, "goal_velocity": goal.v, "goal_acceleration": goal.a,
-            **_named(self._recorded.recorded(state), SAMPLED, "recorded"),
+            "goal": goal.q, "goal_velocity": goal.v, "goal_acceleration": goal.a, **kept,
         }  # fmt: skip
+
+    def _notice(self, fault: Fault | None) -> None:
+        """What a gate says at a sample: a fault is kept once, however long it lasts."""
+        self._faults = [] if self._faults is None else self._faults
+        if fault is not None and fault not in self._faults[-1:]:
+            self._faults.append(fault)
 
     def _make_room(self, sample: Mapping[str, Any]) -> None:
         for name, value in sample.items():
@@ -102,7 +122,9 @@ class Recorder:
             **columns, n_potential=theta.shape[1], parameters_true=true, parameters_true_course=course,
             excitation=reviewed.get("excitation"), carried=reviewed.get("carried"),
             final_state=self._state, effort_limit=self.robot.effort_limit,
-            velocity_limit=self.robot.velocity_limit, dt=self.dt, joint_names=self.robot.joint_names,
+            velocity_limit=self.robot.velocity_limit, lower=self.robot.lower, upper=self.robot.upper,
+            q_index=np.array(list(self.robot.model.idx_qs)[1:]), dt=self.dt,
+            faults=None if self._faults is None else tuple(self._faults), joint_names=self.robot.joint_names,
             parameter_labels=self._labels(size), robot_source=self.robot.source,
             title=self.title or self.robot.name,
             configuration={
@@ -154,7 +176,7 @@ def _with_friction(robot: Robot, rubbing: Rubbing) -> Robot:
     return dataclasses.replace(robot, model=model)
 
 
-def _named(given: Mapping[str, np.ndarray], legal: tuple[str, ...], where: str) -> Mapping[str, np.ndarray]:
+def _named(given: Mapping[str, Any], legal: tuple[str, ...], where: str) -> Mapping[str, Any]:
     """What a controller gave. Raises UnknownNameError for what no record holds."""
     if unknown := [name for name in given if name not in legal]:
         raise UnknownNameError(f"entry of {where}", unknown, legal)

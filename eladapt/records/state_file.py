@@ -12,13 +12,10 @@ import contextlib
 import errno
 import hashlib
 import importlib.metadata
-import io
 import json
 import os
 import sys
 import tempfile
-import tokenize
-import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,11 +24,13 @@ import numpy as np
 
 from eladapt.errors import ArgumentError, EladaptError, StateError
 from eladapt.files import atomic_write
+from eladapt.records.archive import read_archive, reading
 from eladapt.records.description import identity
 from eladapt.records.state_check import require_state_of
 from eladapt.robot.protocols import BareController
 
 FORMAT = 2
+MOST_BYTES = 1 << 26  # of arrays in memory; a Panda's state has 0.3 MB
 SHOWN = 4  # differences named in a message
 
 
@@ -89,34 +88,21 @@ def load_state(path: str | Path, controller: Any) -> Any:
     that ``controller.init`` could have led to; it names what differs.
     """
     path = Path(path)
-    try:
-        contents = path.read_bytes()
-        with np.load(io.BytesIO(contents), allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            arrays = {name: file[name] for name in file.files if name != "header"}
+    with reading(path, "saved state", "save_state", StateError):
+        header, arrays = read_archive(path, MOST_BYTES, ratio=1)
         if header["format"] != FORMAT:
             raise StateError(
                 f"{path}: a state in format {header['format']}, written by eladapt {header.get('eladapt')}; "
                 f"this one reads format {FORMAT}. Begin with controller.init, or go on with that release"
             )
         tree, kept, key, digest = (header[name] for name in ("tree", "configuration", "key", "digest"))
-        whole = digest == _digest(tree, arrays) and key == _key(kept)
-    except FileNotFoundError:
-        raise StateError(f"{path}: no such file; save_state writes one") from None
-    except (
-        OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, RuntimeError, MemoryError,
-        zipfile.BadZipFile,
-        SyntaxError,
-        tokenize.TokenError,
-    ) as reason:  # fmt: skip
-        raise StateError(f"{path}: not a saved state, or a damaged one ({reason})") from reason
-    if not whole:
-        raise StateError(f"{path}: damaged, its contents are not what was written; use an older one")
-    made_of = identity(controller)
-    if key != _key(made_of):
-        said = _differences(kept, made_of)
-        raise StateError(f"{path}: saved by another controller or for another robot: {said}")
-    return _checked(controller, _decode(tree, arrays, path), path)
+        if digest != _digest(tree, arrays) or key != _key(kept):
+            raise StateError(f"{path}: damaged, its contents are not what was written; use an older one")
+        made_of = identity(controller)
+        if key != _key(made_of):
+            said = _differences(kept, made_of)
+            raise StateError(f"{path}: saved by another controller or for another robot: {said}")
+        return _checked(controller, _decode(tree, arrays, path), path)
 
 
 def _checked(controller: BareController, state: Any, path: Path) -> Any:

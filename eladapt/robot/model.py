@@ -7,45 +7,29 @@ damping and friction nowhere), checked arguments, and limits in which 0 or missi
 from __future__ import annotations
 
 import functools
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import (
-    ArgumentError,
-    MendedWarning,
-    UnitsWarning,
-    UnknownNameError,
-    UrdfError,
-    require_number,
-    require_vector,
-)
+from eladapt.errors import ArgumentError, UnknownNameError, require_number, require_vector
 from eladapt.robot import library
-from eladapt.robot.reading import (
+from eladapt.robot.joint_limits import (
     clipped_neutral,
-    coupled_too,
-    frame_index,
-    last_body,
-    lock,
-    matching_joints,
+    position_limits,
     published_limits,
-    read_model,
-    velocity_index,
+    random_configuration,
+    set_or_inf,
 )
+from eladapt.robot.reading import frame_index, last_body, read_document, read_robot, read_visuals
+from eladapt.robot.space import Space
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
-from eladapt.urdf.checks import check_mimics, check_model, check_urdf
-from eladapt.urdf.mending import mend as mended
-
-LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
-DOUBLE = np.dtype(float)
-POSTURES = 50  # in which gravity is compared with the effort limits
-UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
+from eladapt.urdf.assets import MeshUse
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +49,23 @@ class Robot:
     locked: tuple[str, ...] = ()
     tool: str = ""  # frame of the end effector
     zero_parameters: tuple[str, ...] = ()  # standard parameters known to be zero, as "my(elbow)"
-    # What the maker publishes beside the URDF, (nv,) each: any of `robot.reading.PUBLISHED`.
+    # What the maker publishes beside the URDF, (nv,) each: any of `robot.joint_limits.PUBLISHED`.
     published: Mapping[str, np.ndarray] = field(default_factory=dict)
     mend: bool = False  # whether bodies that are not physical were mended when the file was read
+    density: float | None = None  # [kg/m^3] of links that were weighed by their shapes
+    weighed: Mapping[str, pin.Inertia] = field(default_factory=dict)  # those links, each in its own frame
+    _space: Space = field(init=False, repr=False)
     _scratch: Scratch[pin.Data] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "_space", Space.of(self.model))
         object.__setattr__(self, "_scratch", Scratch(self.model.createData))
 
     def __repr__(self) -> str:
         ends = self.joint_names if self.nv < 3 else (self.joint_names[0], self.joint_names[-1])
         joints = (" ... " if self.nv > 2 else ", ").join(repr(name[:40]) for name in ends)
-        return f"Robot({self.name[:40]!r}, {self.nv} joints: {joints}, tool {self.tool[:40]!r})"
+        weighed = f", weighed at {self.density:g} kg/m^3: {len(self.weighed)}" if self.weighed else ""
+        return f"Robot({self.name[:40]!r}, {self.nv} joints: {joints}, tool {self.tool[:40]!r}{weighed})"
 
     def __getstate__(self) -> dict[str, Any]:
         """What a pickle holds: all but what was computed."""
@@ -98,54 +87,50 @@ class Robot:
         published: Mapping[str, Sequence[float] | np.ndarray] | None = None,
         gravity: Sequence[float] | np.ndarray | None = None,
         mend: bool = False,
+        density: float | None = None,
     ) -> Robot:
         """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
 
         Locked joints stay at their neutral position, clipped to their limits; "mimic" stands for all
         that follow another joint. ``gravity`` [m/s^2] is that of the base's frame: (0, 0, 9.81) for
-        an arm that hangs from the ceiling. ``armature`` maps
-        joint names to rotor inertias [kg m^2]. ``zero_parameters`` are standard parameters that
+        an arm that hangs from the ceiling. ``armature`` maps joint names to rotor inertias [kg m^2]; a
+        joint that turns no inertia and is given none gets an assumed one, with a warning, see
+        `assume_rotors`. ``zero_parameters`` are standard parameters that
         symmetry makes zero, as "my(elbow)" for the body behind that joint: `Regressors` then has no
         column for them. ``published`` are limits that the maker gives beside the URDF, a positive
         number a joint, velocity, acceleration, jerk or torque_rate; motions and the torque gate keep to them.
         ``home`` defaults to the neutral posture, clipped to the limits, and ``target`` to home.
         ``mend`` takes the nearest physical inertia for bodies whose principal moments no body has, and
-        warns of each change; without it they are refused.
+        warns of each change; without it they are refused. ``density`` [kg/m^3] weighs moving links that have
+        no <inertial> by their shapes, see `weigh`.
         Raises UrdfError with every fault found, and UnknownNameError for a joint, frame or limit
         that does not exist.
         """
         path = Path(path)
-        check_urdf(path, package_dirs)
-        full = read_model(path)
-        locked_names = matching_joints(full, coupled_too(path, locked, full))
-        check_mimics(path, locked_names)
-        model = lock(full, locked_names)
-        for joint, inertia in (armature or {}).items():
-            model.armature[velocity_index(model, joint)] = inertia
-        if gravity is not None:
-            model.gravity = pin.Motion(require_vector("gravity", gravity, 3), np.zeros(3))
-        for change in mended(model) if mend else ():
-            warnings.warn(f"{path.name}, mended: {change}", MendedWarning, stacklevel=2)
-        check_model(model, path)
+        density = None if density is None else require_number("density", density, 0)
+        read = read_robot(
+            path, package_dirs, locked, armature=armature or {}, gravity=gravity, mend=mend, density=density
+        )
+        model = read.model
         if tool is not None:
             frame_index(model, tool)
         neutral = pin.difference(model, pin.neutral(model), clipped_neutral(model))
         home = neutral if home is None else np.array(require_vector("home", home, model.nv))
-        robot = cls(
+        return cls(
             model=model,
             name=name or model.name,
             path=path.resolve(),
             package_dirs=tuple(str(Path(folder).resolve()) for folder in package_dirs),
-            locked=tuple(locked_names),
+            locked=read.locked,
             tool=tool or last_body(model),
             zero_parameters=tuple(zero_parameters),
             published=published_limits(published or {}, model.nv),
             mend=mend,
+            density=density,
+            weighed=read.weighed,
             home=home,
             target=np.array(home if target is None else require_vector("target", target, model.nv)),
         )
-        robot._warn_of_units()
-        return robot
 
     @classmethod
     def load(cls, name: str) -> Robot:
@@ -159,11 +144,11 @@ class Robot:
 
     @functools.cached_property
     def nq(self) -> int:
-        return self.model.nq
+        return self._space.nq
 
     @functools.cached_property
     def nv(self) -> int:
-        return self.model.nv
+        return self._space.nv
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -172,22 +157,22 @@ class Robot:
     @property
     def effort_limit(self) -> np.ndarray:
         """(nv,) [N m or N], +inf where the URDF sets none."""
-        return _set_or_inf(self.model.upperEffortLimit)
+        return set_or_inf(self.model.upperEffortLimit)
 
     @property
     def velocity_limit(self) -> np.ndarray:
         """(nv,) [rad/s or m/s], +inf where the URDF sets none."""
-        return _set_or_inf(self.model.upperVelocityLimit)
+        return set_or_inf(self.model.upperVelocityLimit)
 
     @property
     def lower(self) -> np.ndarray:
         """(nv,) lower joint limits, -inf for continuous joints and where none is set."""
-        return self._position_limits()[0]
+        return position_limits(self.model)[0]
 
     @property
     def upper(self) -> np.ndarray:
         """(nv,) upper joint limits, +inf for continuous joints and where none is set."""
-        return self._position_limits()[1]
+        return position_limits(self.model)[1]
 
     @property
     def armature(self) -> np.ndarray:
@@ -274,23 +259,18 @@ class Robot:
 
     def random_configuration(self, rng: np.random.Generator) -> np.ndarray:
         """q (nq,) uniform within the joint limits; (-pi, pi) where none is set."""
-        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
-        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        return self.configuration(rng.uniform(lower, upper))
+        return random_configuration(self.model, rng)
 
-    def visual_model(self) -> pin.GeometryModel:
-        """The URDF's visuals, attached to the joints that are left. Raises UrdfError."""
-        full = read_model(self.path)
-        try:
-            visuals = pin.buildGeomFromUrdf(
-                full, str(self.path), pin.VISUAL, package_dirs=list(self.package_dirs)
-            )
-        except ValueError as reason:
-            raise UrdfError(self.path, [library.unreadable(reason)]) from reason
-        if not self.locked:
-            return visuals
-        ids = [full.getJointId(name) for name in self.locked]
-        return pin.buildReducedModel(full, visuals, ids, clipped_neutral(full))[1]
+    def document(self) -> Element:
+        """The URDF's <robot> element, read again, with locked joints held and links weighed."""
+        return read_document(self.path, self.locked, self.weighed)
+
+    def visual_model(self) -> tuple[pin.GeometryModel, dict[str, MeshUse]]:
+        """The URDF's visuals, attached to the joints that are left, and the meshes among them by name.
+
+        A box stands for a mesh: no mesh file is opened here. Raises UrdfError.
+        """
+        return read_visuals(self.document(), self.path, self.locked)
 
     @property
     def source(self) -> dict[str, Any]:
@@ -312,26 +292,28 @@ class Robot:
             "target": self.target.tolist(),
             "gravity": self.model.gravity.linear.tolist(),
             "mend": self.mend,
+            "density": self.density,
             "published": {name: limit.tolist() for name, limit in self.published.items()},
         }
 
     @classmethod
     def from_source(cls, source: Mapping[str, Any]) -> Robot:
-        """The inverse of `source`."""
+        """The inverse of `source`. Raises ArgumentError for what is none, and what `from_urdf` raises."""
         if "load" in source:
             return cls.load(source["load"])
         options = dict(source)
-        return cls.from_urdf(options.pop("urdf"), **options)
+        try:
+            return cls.from_urdf(options.pop("urdf"), **options)
+        except (TypeError, KeyError, AttributeError) as reason:  # it may be in a record from somebody else
+            raise ArgumentError(f"source: expected what Robot.source gives, got {source!r}") from reason
 
     def check_q(self, q: np.ndarray, name: str = "q") -> np.ndarray:
         """q as a finite (nq,) vector on the configuration space; raises ArgumentError."""
-        q = require_vector(name, q, self.nq)
-        self._require_unit_circles(q, name)
-        return q
+        return self._space.check_q(q, name)
 
     def check_v(self, v: np.ndarray, name: str = "v") -> np.ndarray:
         """v as a finite (nv,) vector; raises ArgumentError."""
-        return require_vector(name, v, self.nv)
+        return self._space.check_v(v, name)
 
     def check_goal(self, goal: np.ndarray | Reference) -> Reference:
         """A goal q_d (nq,), at rest, or a `Reference`, as a reference of finite vectors of this robot's size
@@ -341,9 +323,7 @@ class Robot:
         whose (cos, sin) is off the unit circle.
         """
         if isinstance(goal, Reference):
-            q, v, a = goal
-            q = self.check_q(q, "goal.q")
-            return Reference(q, self.check_v(v, "goal.v"), self.check_v(a, "goal.a")).copy()
+            return self._space.check_reference(goal)
         return Reference(self.check_q(goal, "goal").copy(), self.still, self.still)
 
     @functools.cached_property
@@ -359,74 +339,9 @@ class Robot:
         Raises ArgumentError, naming the field, for wrong shapes, for what is not finite, and for what is no
         arm's: a filter that has taken in 1e80 rad/s is of no use for any sample after.
         """
-        t, q, v, tau = measurement
-        t = require_number("measurement.t", t, -np.finfo(float).max)
-        if not (_is_vector(q, self.nq) and _is_vector(v, self.nv) and _is_vector(tau, self.nv)):
-            q, v, tau = self._check_vectors(q, v, tau)
-        q, v, tau = q.copy(), v.copy(), tau.copy()
-        if not q.dot(q) + v.dot(v) + tau.dot(tau) <= LARGEST**2:  # false too where a number is not finite
-            self._check_vectors(q, v, tau)
-            name, vector = max(
-                (("q", q), ("v", v), ("tau", tau)), key=lambda pair: float(np.abs(pair[1]).max())
-            )
-            raise ArgumentError(f"measurement.{name}: expected sizes up to {LARGEST:g}, got {vector}")
-        self._require_unit_circles(q, "measurement.q")
-        return Measurement(t, q, v, tau)
-
-    def _check_vectors(self, q: Any, v: Any, tau: Any) -> tuple[np.ndarray, ...]:
-        """q, v and tau of a measurement, one by one."""
-        return (
-            self.check_q(q, "measurement.q"), self.check_v(v, "measurement.v"),
-            self.check_v(tau, "measurement.tau"),
-        )  # fmt: skip
-
-    def _require_unit_circles(self, q: np.ndarray, name: str) -> None:
-        if self.nq == self.nv:
-            return
-        for joint in range(1, self.model.njoints):
-            if self.model.nqs[joint] == 2:
-                start = self.model.idx_qs[joint]
-                norm = q[start] ** 2 + q[start + 1] ** 2
-                if abs(norm - 1) > UNIT_CIRCLE_TOLERANCE:
-                    raise ArgumentError(
-                        f"{name}: continuous joint {self.model.names[joint]!r} expects (cos, sin) at "
-                        f"[{start}:{start + 2}], got {q[start : start + 2]}; "
-                        "make q with robot.configuration(angles)"
-                    )
-
-    def _warn_of_units(self) -> None:
-        """Say so where gravity is more than the motors can hold wherever the arm is."""
-        rng = np.random.default_rng(0)
-        gravity = [self.gravity(self.random_configuration(rng)) for _ in range(POSTURES)]
-        shares = np.abs(gravity) / self.effort_limit
-        if shares.max(axis=1).min() > 1:
-            k = int(np.argmax(shares.min(axis=0)))
-            joint, needed = self.joint_names[k], np.median(shares[:, k])
-            warnings.warn(
-                f"{self.name}: gravity is more than the effort limits everywhere; {joint} would need "
-                f"{needed:.3g} times its {self.effort_limit[k]:g} N m. Are masses and lengths in kg and m?",
-                UnitsWarning, stacklevel=3,
-            )  # fmt: skip
-
-    def _position_limits(self) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
-        for joint in range(1, self.model.njoints):
-            i, k = self.model.idx_vs[joint], self.model.idx_qs[joint]
-            low, high = self.model.lowerPositionLimit[k], self.model.upperPositionLimit[k]
-            if self.model.nqs[joint] == 1 and low < high:
-                lower[i], upper[i] = low, high
-        return lower, upper
-
-
-def _is_vector(value: object, size: int) -> bool:
-    """Whether it is a plain array of ``size`` doubles: what `require_vector` would return as it is."""
-    return type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (size,)
+        return self._space.check_measurement(measurement)
 
 
 def _square(matrix: np.ndarray, size: int) -> np.ndarray:
     """A copy, square also for one joint, of which the bindings return a vector."""
     return np.array(matrix).reshape(size, size)
-
-
-def _set_or_inf(limit: np.ndarray) -> np.ndarray:
-    return np.where(limit > 0, limit, np.inf)

@@ -41,8 +41,9 @@ class Recorded(Protocol):
     def labels(self) -> tuple[str, ...]:
         """The names of the parameters that it learns, in their order; () if it learns none."""
 
-    def recorded(self, state: Any) -> Mapping[str, np.ndarray]:
-        """What is kept of every sample: arrays that exist already, of the same shapes every time."""
+    def recorded(self, state: Any) -> Mapping[str, Any]:
+        """What is kept of every sample: arrays that exist already, of the same shapes every time; of a gate
+        also its fault."""
 
     def reviewed(self, state: Any, frame: str | None) -> Mapping[str, np.ndarray]:
         """What is kept 30 times a second, and computed when the record is made.
@@ -66,7 +67,7 @@ class Unrecorded:
         """No parameters."""
         return ()
 
-    def recorded(self, state: Any) -> Mapping[str, np.ndarray]:
+    def recorded(self, state: Any) -> Mapping[str, Any]:
         """Nothing."""
         return {}
 
@@ -101,7 +102,7 @@ class Around:
         """The controller's."""
         return self._recorded.labels
 
-    def recorded(self, state: Any) -> Mapping[str, np.ndarray]:
+    def recorded(self, state: Any) -> Mapping[str, Any]:
         """What the controller has recorded."""
         return self._recorded.recorded(state.inner)
 

@@ -1,21 +1,129 @@
-"""From a URDF, as it was checked, to a Pinocchio model with the joints that are wanted."""
+"""From a URDF to a Pinocchio model with the joints that are wanted, and to its shapes."""
 
 from __future__ import annotations
 
-import fnmatch
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import UnknownNameError, UrdfError, require_gain
+from eladapt.errors import (
+    AssumedWarning,
+    MendedWarning,
+    UnitsWarning,
+    UnknownNameError,
+    UrdfError,
+    require_vector,
+)
 from eladapt.robot import library
-from eladapt.urdf.checks import coupled_joints, read_urdf
+from eladapt.robot.joint_limits import clipped_neutral, too_heavy
+from eladapt.robot.rotors import assume_rotors
+from eladapt.urdf.assets import MeshUse, set_meshes_aside
+from eladapt.urdf.checks import check_model, check_urdf, read_urdf
+from eladapt.urdf.holding import hold
+from eladapt.urdf.mending import mend as mended
+from eladapt.urdf.sizes import misplaced_masses
+from eladapt.urdf.weighing import add_inertials, weigh
 
-MIMIC = "mimic"
-PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
+LINK = "\x1f"  # after a name: a character that no XML file can have
+
+
+class Read(NamedTuple):
+    """What a URDF became."""
+
+    model: pin.Model
+    locked: tuple[str, ...]  # the joints that are held
+    weighed: dict[str, pin.Inertia]  # links that were weighed by their shapes, each in its own frame
+
+
+def read_robot(
+    path: Path,
+    package_dirs: Sequence[str | Path],
+    locked: Iterable[str],
+    *,
+    armature: Mapping[str, float],
+    gravity: Sequence[float] | np.ndarray | None,
+    mend: bool,
+    density: float | None,
+) -> Read:
+    """The model of a file, checked before and after Pinocchio read it; see `Robot.from_urdf`.
+
+    What was mended or assumed, and what looks like other units, is warned of where `Robot.from_urdf` was
+    called.
+    """
+    checked, weighed = check_urdf(path, locked), {}
+    if density is not None:
+        weighed = weigh(checked.root, checked.locked, density, path, package_dirs)
+        add_inertials(checked.root, weighed)
+    model, _ = lock(read_model(checked.root, path), checked.locked)
+    for joint, inertia in armature.items():
+        model.armature[velocity_index(model, joint)] = inertia
+    if gravity is not None:
+        model.gravity = pin.Motion(require_vector("gravity", gravity, 3), np.zeros(3))
+    for change in mended(model) if mend else ():
+        warnings.warn(f"{path.name}, mended: {change}", MendedWarning, stacklevel=3)
+    for rotor in assume_rotors(model):
+        warnings.warn(f"{path.name}: {rotor}", AssumedWarning, stacklevel=3)
+    check_model(model, path)
+    for told in (*misplaced_masses(checked.root, checked.locked), *too_heavy(model)):
+        warnings.warn(f"{path.name}: {told}", UnitsWarning, stacklevel=3)
+    return Read(model, checked.locked, weighed)
+
+
+def read_document(path: Path, locked: Sequence[str], weighed: Mapping[str, pin.Inertia]) -> Element:
+    """The <robot> element of a file that was read before, with the same joints held and links weighed."""
+    root = read_urdf(path)
+    hold(root, locked)
+    add_inertials(root, weighed)
+    return root
+
+
+def read_visuals(
+    document: Element, path: Path, locked: Sequence[str]
+) -> tuple[pin.GeometryModel, dict[str, MeshUse]]:
+    """The visuals of a document, whose meshes become boxes, and those meshes by the names of their shapes."""
+    uses = set_meshes_aside(document)
+    full = read_model(document, path)
+    try:
+        visuals = pin.buildGeomFromUrdfString(full, ElementTree.tostring(document, "unicode"), pin.VISUAL)
+    except ValueError as reason:
+        raise UrdfError(path, [library.unreadable(reason)]) from reason
+    return lock(full, locked, visuals)[1], uses
+
+
+def read_model(document: Element, path: Path) -> pin.Model:
+    """Pinocchio's model of the document as it was checked, not of what another parser makes of it."""
+    try:
+        return pin.buildModelFromXML(ElementTree.tostring(document, "unicode"))
+    except (RuntimeError, ValueError) as reason:
+        raise UrdfError(path, [library.unreadable(reason)]) from reason
+
+
+def lock(
+    full: pin.Model, names: Sequence[str], shapes: pin.GeometryModel | None = None
+) -> tuple[pin.Model, pin.GeometryModel | None]:
+    """The model with these joints fixed at their neutral position, clipped to their limits, and its shapes.
+
+    Pinocchio finds the frames of joints by name, and refuses a name that a link has too: meanwhile links
+    have another one.
+    """
+    ids = [full.getJointId(name) for name in names if full.existJointName(name)]  # the others are fixed
+    if not ids:
+        return full, shapes
+    full = full.copy()
+    for frame in full.frames:
+        if frame.type == pin.FrameType.BODY:
+            frame.name += LINK
+    reduced, kept = pin.buildReducedModel(full, shapes or pin.GeometryModel(), ids, clipped_neutral(full))
+    for frame in reduced.frames:
+        if frame.type == pin.FrameType.BODY:
+            frame.name = frame.name.removesuffix(LINK)
+    return reduced, kept if shapes else None
 
 
 def frame_index(model: pin.Model, name: str) -> int:
@@ -25,66 +133,6 @@ def frame_index(model: pin.Model, name: str) -> int:
         raise UnknownNameError("frame", [name], [frame.name for frame in model.frames])
     bodies = [k for k in found if model.frames[k].type == pin.FrameType.BODY]
     return (bodies or found)[0]
-
-
-def read_model(path: Path) -> pin.Model:
-    """Pinocchio's model of the document as it was checked, not of what another parser makes of it."""
-    try:
-        return pin.buildModelFromXML(ElementTree.tostring(read_urdf(path), "unicode"))
-    except (RuntimeError, ValueError) as reason:
-        raise UrdfError(path, [library.unreadable(reason)]) from reason
-
-
-def matching_joints(model: pin.Model, patterns: Iterable[str]) -> list[str]:
-    """The joints named, in the model's order; in what is no joint's name ``*`` matches any characters.
-
-    Raises UnknownNameError.
-    """
-    if isinstance(patterns, str):
-        patterns = (patterns,)
-    chosen: set[str] = set()
-    names, unknown = list(model.names)[1:], []
-    for pattern in patterns:
-        found = [pattern] if pattern in names else fnmatch.filter(names, pattern)
-        chosen.update(found)
-        if not found:
-            unknown.append(pattern)
-    if unknown:
-        raise UnknownNameError("joint", unknown, names)
-    return [name for name in names if name in chosen]
-
-
-def coupled_too(path: Path, locked: Iterable[str], model: pin.Model) -> list[str]:
-    """What is to be locked, with "mimic" standing for all joints that follow another one."""
-    given = [locked] if isinstance(locked, str) else list(locked)
-    if MIMIC not in given or model.existJointName(MIMIC):
-        return given
-    return [name for name in given if name != MIMIC] + list(coupled_joints(path))
-
-
-def published_limits(given: Mapping[str, Sequence[float] | np.ndarray], nv: int) -> dict[str, np.ndarray]:
-    """A maker's limits by name, (nv,) each. Raises UnknownNameError, ArgumentError."""
-    if unknown := [name for name in given if name not in PUBLISHED]:
-        raise UnknownNameError("published limit", unknown, PUBLISHED)
-    return {name: require_gain(f"published {name}", values, nv) for name, values in given.items()}
-
-
-def lock(full: pin.Model, names: Sequence[str]) -> pin.Model:
-    """The model with these joints fixed at their neutral position, clipped to their limits."""
-    if not names:
-        return full
-    return pin.buildReducedModel(full, [full.getJointId(name) for name in names], clipped_neutral(full))
-
-
-def clipped_neutral(model: pin.Model) -> np.ndarray:
-    """The neutral configuration, with the joints whose limits exclude it at the nearest limit."""
-    q = pin.neutral(model)
-    for joint in range(1, model.njoints):
-        k = model.idx_qs[joint]
-        low, high = model.lowerPositionLimit[k], model.upperPositionLimit[k]
-        if model.nqs[joint] == 1 and low < high:
-            q[k] = np.clip(q[k], low, high)
-    return q
 
 
 def last_body(model: pin.Model) -> str:

@@ -25,7 +25,7 @@ from eladapt.safety.barrier import Barrier
 from eladapt.safety.belief import Belief, BeliefState
 from eladapt.safety.fallback import Fallback, Hold
 from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
-from eladapt.signals import Measurement, Reference
+from eladapt.signals import Fault, Measurement, Reference
 
 FAULTS = (
     "measurement", "watchdog", "frozen", "jump", "goal", "velocity", "joint limit", "error growth",
@@ -40,17 +40,6 @@ FAR = 0.1  # [rad or m] beyond its range a joint is not where it is seen, or now
 EDGE = 1e-3  # [rad or m] by which a goal may be beyond
 FASTEST = 1e3  # [rad/s] no arm turns at 10,000 rpm; where the URDF sets no limit, this one holds
 ROUNDING = 1e-9  # of max_age: steps of dt that sum up to it do not exceed it
-
-
-class Fault(NamedTuple):
-    """Why the gate does not let the controller's torque through any more."""
-
-    name: str  # one of FAULTS
-    t: float  # [s] by the robot's clock, as far as it is known
-    message: str
-
-    def __str__(self) -> str:
-        return f"{self.name} at t = {self.t:.4f} s: {self.message}"
 
 
 class GateState(NamedTuple):

@@ -9,8 +9,8 @@ import numpy as np
 
 from eladapt.errors import ArgumentError, require_number
 from eladapt.robot.protocols import Around, BareController, Goal, handed_on
-from eladapt.safety.gate import Fault, GateState, TorqueGate, checked_torque
-from eladapt.signals import Measurement
+from eladapt.safety.gate import GateState, TorqueGate, checked_torque
+from eladapt.signals import Fault, Measurement
 
 
 class GatedState(NamedTuple):
@@ -139,6 +139,10 @@ class GatedController(Around):
         if forget:
             return self._begun(gate, state.trusted if len(state.trusted) else None)
         return GatedState(state.inner, gate, state.trusted)
+
+    def recorded(self, state: GatedState) -> dict[str, Any]:
+        """What the controller has recorded, and the gate's fault."""
+        return {**super().recorded(state), "fault": state.fault}
 
     def _begun(self, gate: GateState, theta0: Any) -> GatedState:
         given = () if theta0 is None else (theta0,)

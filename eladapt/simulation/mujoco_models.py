@@ -19,7 +19,6 @@ from eladapt.robot.model import Robot
 from eladapt.robot.reading import frame_index
 from eladapt.simulation.alignment import point_in_body
 from eladapt.simulation.disturbances import Payload
-from eladapt.urdf.checks import read_urdf
 
 COMPILER = {"discardvisual": "true", "fusestatic": "false", "balanceinertia": "false"}
 SHAPES = ("visual", "collision")
@@ -133,7 +132,7 @@ def _specification(robot: Robot) -> mujoco.MjSpec:
     """The URDF as MuJoCo reads it: no shapes, no limits, locked joints welded where the robot has them."""
     urdf = ElementTree.Element("robot", name=robot.model.name)
     ElementTree.SubElement(ElementTree.SubElement(urdf, "mujoco"), "compiler", COMPILER)
-    for element in read_urdf(robot.path):
+    for element in robot.document():
         if element.tag not in ("link", "joint"):
             continue
         for child in list(element):

@@ -105,7 +105,7 @@ class MujocoPlant:
         self._bare, self._loaded = models.bare, models.loaded
         # The same in qpos: each joint has one coordinate.
         self._addresses = self._bare.jnt_dofadr[models.joint_ids]
-        self._dry: dict[int, np.ndarray] = {}  # of the joints, by model, beside the brakes
+        self._dry: dict[bool, np.ndarray] = {}  # of the joints, by whether the model is loaded
         for model in {id(model): model for model in (self._bare, self._loaded)}.values():
             self._furnish(model)
         self._rate = self._stiffness()
@@ -145,7 +145,7 @@ class MujocoPlant:
         model.opt.timestep = h
         model.dof_solref[:] = (-1.0, -1.0 / h)  # friction asks for v = 0 at the end of the substep
         held = self._hold if self.brakes.closed(self._told, self.t) else 0.0
-        model.dof_frictionloss[self._addresses] = self._dry[id(model)] + held
+        model.dof_frictionloss[self._addresses] = self._dry[model is self._loaded] + held
         data.qpos[self._addresses], data.qvel[self._addresses] = self._x, self.v
         data.qfrc_applied[self._addresses] = tau
         # mj_step would do the same and write its warnings to a file in the working folder.
@@ -222,6 +222,6 @@ class MujocoPlant:
             mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from it
         model.dof_damping[at] = self.joint_friction * model.dof_damping[at] + self.friction.viscous
         dry = self.joint_friction * model.dof_frictionloss[at] + self.friction.coulomb
-        self._dry[id(model)] = dry
+        self._dry[model is self._loaded] = dry
         model.dof_frictionloss[at] = dry
         model.dof_solimp[:] = HARD

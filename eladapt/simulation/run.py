@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from eladapt.compiling import prepare
-from eladapt.errors import EladaptError, SimulationError, require_number
+from eladapt.errors import EladaptError, SimulationError, printable, require_number
 from eladapt.records.record import Record
 from eladapt.records.recorder import Recorder
 from eladapt.robot.protocols import BareController, GoalCourse, Plant, handed_on
@@ -49,7 +49,7 @@ def simulate(
     measurement = plant.reset()
     state = controller.init(measurement, *given)
     quiet = None if progress else True  # None: where there is no terminal
-    bar = tqdm(range(steps + 1), desc=title or robot.name, unit="step", disable=quiet, leave=False)
+    bar = tqdm(range(steps + 1), desc=printable(title or robot.name), unit="step", disable=quiet, leave=False)
     try:
         for k in bar:
             reference = robot.check_goal(goal_at(measurement.t))

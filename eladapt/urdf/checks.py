@@ -11,8 +11,9 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
@@ -21,9 +22,9 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from eladapt.errors import Finding, UrdfError
-from eladapt.urdf.assets import file_findings
+from eladapt.urdf.holding import held_joints, hold
 from eladapt.urdf.numbers import NUMBERS, number_findings, parts
-from eladapt.urdf.tree import MOVING, joints, listed, mimics, names, tree
+from eladapt.urdf.tree import joints, listed, mimics, names, tree
 
 # Published robots reach 0.2 MB, depth 7 and 129 joints. Pinocchio's reader recurses along a chain and kills
 # the process at the end of the stack: measured between 200 and 250 joints on 512 KiB (a thread's, on some
@@ -51,9 +52,7 @@ def read_urdf(path: str | Path) -> Element:
     """
     path = Path(path)
     root = _parse_xml(path, _read_bytes(path))
-    namespace = root.tag[: root.tag.find("}") + 1]
     for element in root.iter():
-        element.tag = element.tag.removeprefix(namespace)
         for held in NUMBERS.get(element.tag, ()):  # blanks around numbers, tabs between, that others read
             if (text := element.get(held.attribute)) is not None:
                 element.set(held.attribute, " ".join(text.split()))
@@ -66,42 +65,29 @@ def read_urdf(path: str | Path) -> Element:
     return root
 
 
-def check_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> None:
+class Checked(NamedTuple):
+    """A robot file that was found sound: its <robot> element, and the joints in it that are held."""
+
+    root: Element
+    locked: tuple[str, ...]
+
+
+def check_urdf(path: str | Path, locked: Iterable[str] = ()) -> Checked:
     """Refuse a URDF that is not a fixed-base tree of 1-DoF joints with finite numbers throughout.
 
-    Meshes and textures may come from the URDF's own folder and from ``package_dirs``, links resolved. Raises
-    UrdfError with every fault found; each names the element, the value and what to do.
+    ``locked`` names the joints that are held, see `held_joints`; they are judged as such, and the element
+    that is returned has them as `hold` leaves them. Raises UnknownNameError, and UrdfError with every fault
+    found; each names the element, the value and what to do.
     """
     root = read_urdf(path)
-    findings = list(_unexpanded(root))
-    if not findings:  # what else such a file holds is not what it will hold
-        findings = [
-            *names(root), *joints(root), *tree(root), *mimics(root), *number_findings(root),
-            *file_findings(root, Path(path), package_dirs),
-        ]  # fmt: skip
+    if unexpanded := list(_unexpanded(root)):  # what else such a file holds is not what it will hold
+        raise UrdfError(path, unexpanded)
+    held = held_joints(root, locked)
+    hold(root, held)
+    findings = [*names(root), *joints(root), *tree(root), *mimics(root), *number_findings(root)]
     if findings:
         raise UrdfError(path, findings)
-
-
-def check_mimics(path: str | Path, locked: Iterable[str]) -> None:
-    """Refuse joints that follow another one, unless they are locked: they would be left free."""
-    locked, coupled = set(locked), coupled_joints(path)
-    free = [name for name in coupled if name not in locked]
-    remedy = f"Lock {listed(free)}, or all that are coupled: locked=['mimic']"
-    problem = "a coupled joint has no torque of its own"
-    findings = [Finding(f'joint "{name}"', f"mimics {coupled[name]!r}", problem, remedy) for name in free]
-    if findings:
-        raise UrdfError(path, findings)
-
-
-def coupled_joints(path: str | Path) -> dict[str, str]:
-    """The moving joints that follow another one, and which."""
-    found = {}
-    for joint in read_urdf(path).findall("joint"):
-        mimic = joint.find("mimic")
-        if mimic is not None and joint.get("type") in MOVING:
-            found[joint.get("name", "")] = mimic.get("joint", "")
-    return found
+    return Checked(root, held)
 
 
 def check_model(model: pin.Model, path: str | Path) -> None:
@@ -156,7 +142,7 @@ def _as_utf8(text: bytes) -> bytes:
 
 
 def _parse_xml(path: Path, text: bytes) -> Element:
-    depth, count, macros = 0, 0, set()
+    depth, count, macros, plain = 0, 0, set[str](), set[str]()
     try:
         text = _as_utf8(text)
         events = iterparse(io.BytesIO(text), events=("start", "end", "start-ns"), forbid_dtd=True)
@@ -165,6 +151,8 @@ def _parse_xml(path: Path, text: bytes) -> Element:
                 prefix, namespace = element
                 if "xacro" in prefix:
                     macros.add(f"{{{namespace}}}")
+                elif not prefix:  # readers of robot files know no namespaces, and see a plain name
+                    plain.add(f"{{{namespace}}}")
                 continue
             depth += 1 if event == "start" else -1
             count += event == "start"
@@ -183,10 +171,13 @@ def _parse_xml(path: Path, text: bytes) -> Element:
             remedy = "Declare the prefix on <robot>; if it is xacro, expand the file to plain URDF first"
         raise _refusal(path, "file", str(reason), "expected XML", remedy) from reason
     root: Element = events.root
+    plain.add(root.tag[: root.tag.find("}") + 1])
     for part in root.iter():  # by its prefix, whatever namespace that stands for
-        namespace, _, name = part.tag.rpartition("}")
-        if f"{namespace}}}" in macros:
-            part.tag = f"{{xacro}}{name}"
+        start = part.tag.find("}") + 1
+        if part.tag[:start] in macros:
+            part.tag = f"{{xacro}}{part.tag[start:]}"
+        elif part.tag[:start] in plain:
+            part.tag = part.tag[start:]
     return root
 
 
@@ -215,7 +206,10 @@ def _body(model: pin.Model, joint: int) -> Iterator[Finding]:
     if not np.isfinite(inertia.toDynamicParameters()).all():
         yield Finding(label, f"inertia {inertia.toDynamicParameters()}", "not finite", "Mend its <inertial>")
     elif inertia.mass <= 0:
-        remedy = "Give one of its links an <inertial> with mass, or make the joint fixed"
+        remedy = (
+            "Give one of its links an <inertial> with mass, or a shape and density= [kg/m^3] (--density) to "
+            "weigh it by; or make the joint fixed"
+        )
         yield Finding(label, f"mass {inertia.mass:g} kg", "a moving body needs mass", remedy)
     else:
         moments = np.linalg.eigvalsh(inertia.inertia)
@@ -230,21 +224,26 @@ def _body(model: pin.Model, joint: int) -> Iterator[Finding]:
             yield Finding(label, value, problem, remedy)
 
 
-def _mass_matrix(model: pin.Model) -> Iterator[Finding]:
-    data, names, rng = model.createData(), list(model.names)[1:], np.random.default_rng(0)
+def idle_joints(model: pin.Model) -> dict[int, float]:
+    """The joints that turn mass but, in some posture, no inertia [kg m^2], by their place in v."""
     least = np.array([inertia.mass for inertia in model.inertias])[1:] * LEAST_GYRATION**2
+    diagonals = [np.diag(mass_matrix) for mass_matrix in _mass_matrices(model)]
+    smallest = np.min(diagonals, axis=0)
+    return {int(i): float(smallest[i]) for i in np.flatnonzero((smallest <= least) & (least > 0))}
+
+
+def _mass_matrix(model: pin.Model) -> Iterator[Finding]:
+    names = list(model.names)[1:]
+    if idle := idle_joints(model):
+        for i, diagonal in idle.items():
+            value, problem = f"{diagonal:.2g} kg m^2 about its axis", "it turns no inertia"
+            remedy = "Give the links it moves moments of inertia, or the joint an effort limit or an armature"
+            yield Finding(f'joint "{names[i]}"', value, problem, remedy)
+        return
     smallest, motion = math.inf, np.zeros(model.nv)
-    for _ in range(POSTURES):
-        q = pin.integrate(model, pin.neutral(model), rng.uniform(-math.pi, math.pi, model.nv))
-        mass_matrix = pin.crba(model, data, q)
-        diagonal = np.diag(mass_matrix)
-        if (diagonal <= least).any():
-            for i in np.flatnonzero(diagonal <= least):
-                value, problem = f"{diagonal[i]:.2g} kg m^2 about its axis", "it turns no inertia"
-                remedy = "Give the links it moves moments of inertia, or the joint an armature"
-                yield Finding(f'joint "{names[i]}"', value, problem, remedy)
-            return
-        values, vectors = np.linalg.eigh(mass_matrix / np.sqrt(np.outer(diagonal, diagonal)))
+    for mass_matrix in _mass_matrices(model):
+        scale = np.sqrt(np.diag(mass_matrix))
+        values, vectors = np.linalg.eigh(mass_matrix / np.outer(scale, scale))
         if values[0] < smallest:
             smallest, motion = values[0], np.abs(vectors[:, 0])
     if smallest < SINGULAR:
@@ -252,3 +251,11 @@ def _mass_matrix(model: pin.Model) -> Iterator[Finding]:
         value = f"smallest eigenvalue of the scaled mass matrix {smallest:.2g}"
         problem, remedy = "they can move together and move no inertia", "Give the links between them inertia"
         yield Finding(f"joints {moved}", value, problem, remedy)
+
+
+def _mass_matrices(model: pin.Model) -> Iterator[np.ndarray]:
+    """M(q) (nv, nv) in the postures in which it is judged."""
+    data, rng = model.createData(), np.random.default_rng(0)
+    for _ in range(POSTURES):
+        q = pin.integrate(model, pin.neutral(model), rng.uniform(-math.pi, math.pi, model.nv))
+        yield np.reshape(pin.crba(model, data, q), (model.nv, model.nv))

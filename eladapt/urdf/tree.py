@@ -39,13 +39,13 @@ def joints(root: Element) -> Iterator[Finding]:
         label, kind = label_of(joint), joint.get("type", "")
         if kind not in (*MOVING, "fixed"):
             problem = f"expected {', '.join(MOVING)} or fixed"
-            remedy = "Fix the joint, or split it into these; the base is fixed to the world"
+            remedy = "Lock the joint (locked=, --lock), fix it, or split it into these; the base is fixed"
             yield Finding(label, f'type="{kind}"', problem, remedy)
         for end in ("parent", "child"):
-            if (name := _value(joint, end, "link", "")) not in links:
+            if (name := child_value(joint, end, "link", "")) not in links:
                 problem, remedy = "no link has this name", f"Name one of {listed(sorted(links))}"
                 yield Finding(f"{label} <{end}>", f'link="{name}"', problem, remedy)
-        axis = parse(text := _value(joint, "axis", "xyz", "1 0 0"), 3)
+        axis = parse(text := child_value(joint, "axis", "xyz", "1 0 0"), 3)
         if kind in MOVING and axis and math.hypot(*axis) < SHORTEST_AXIS:
             yield Finding(
                 f"{label} <axis>", f'xyz="{text}"', "it has no direction", 'Give one, such as "0 0 1"'
@@ -55,10 +55,10 @@ def joints(root: Element) -> Iterator[Finding]:
 
 
 def _range(joint: Element, label: str) -> Iterator[Finding]:
-    lower, upper = _value(joint, "limit", "lower", "0"), _value(joint, "limit", "upper", "0")
+    lower, upper = child_value(joint, "limit", "lower", "0"), child_value(joint, "limit", "upper", "0")
     low, high = parse(lower), parse(upper)
     if joint.find("limit") is None:
-        remedy = "Add one; an effort, a velocity or a range of 0 means that it is not set"
+        remedy = "Add one, or lock the joint; an effort, a velocity or a range of 0 means that it is not set"
         yield Finding(label, "missing", f"a {joint.get('type')} joint needs it", remedy)
     elif low and high and low[0] > high[0]:
         value = f'lower="{lower}" upper="{upper}"'
@@ -71,8 +71,8 @@ def tree(root: Element) -> Iterator[Finding]:
     parents: dict[str, str] = {}
     joints: dict[str, list[str]] = {}
     for joint in root.findall("joint"):
-        child = _value(joint, "child", "link", "")
-        parents.setdefault(child, _value(joint, "parent", "link", ""))
+        child = child_value(joint, "child", "link", "")
+        parents.setdefault(child, child_value(joint, "parent", "link", ""))
         joints.setdefault(child, []).append(joint.get("name", ""))
     for child, names in joints.items():
         if len(names) > 1:
@@ -101,9 +101,10 @@ def tree(root: Element) -> Iterator[Finding]:
 
 
 def mimics(root: Element) -> Iterator[Finding]:
-    """Joints that follow none, or each other in a circle."""
+    """Joints that follow none, or each other in a circle, and those that would be left without a torque."""
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    leaders = {name: _value(joint, "mimic", "joint", "") for name, joint in joints.items()}
+    leaders = {name: child_value(joint, "mimic", "joint", "") for name, joint in joints.items()}
+    coupled = [n for n, j in joints.items() if j.get("type") in MOVING and j.find("mimic") is not None]
     for name, leader in leaders.items():
         if joints[name].find("mimic") is None:
             continue
@@ -116,13 +117,18 @@ def mimics(root: Element) -> Iterator[Finding]:
         while leader in joints and joints[leader].find("mimic") is not None and leader not in trail:
             trail.append(leader)
             leader = leaders[leader]
-        if leader in trail and name == min(trail[trail.index(leader) :]):  # a circle is one fault
+        if leader not in trail and name in coupled:
+            value, problem = f"mimics {leaders[name]!r}", "a coupled joint has no torque of its own"
+            remedy = f"Lock {listed(coupled)}, or all that are coupled: locked=['mimic']"
+            yield Finding(f'joint "{name}"', value, problem, remedy)
+        elif leader in trail and name == min(trail[trail.index(leader) :]):  # a circle is one fault
             value = f"joints {listed(trail[trail.index(leader) :])}"
             yield Finding(label, value, "each follows the next, in a circle", "Let one of them follow none")
 
 
-def _value(joint: Element, tag: str, key: str, default: str) -> str:
-    child = joint.find(tag)
+def child_value(element: Element, tag: str, key: str, default: str) -> str:
+    """What an element's child of that tag says, else the default."""
+    child = element.find(tag)
     return default if child is None else child.get(key, default)
 
 

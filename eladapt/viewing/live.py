@@ -50,7 +50,7 @@ class LiveView:
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
             )  # fmt: skip
         try:
-            self.url = self._started({"robot": robot.source, "port": port})
+            self.url = self._started({"robot": robot.source, "port": port, "parent": os.getpid()})
         except BaseException:
             self.close()
             raise

@@ -1,7 +1,8 @@
 """The process behind `LiveView`: newest posture in, MeshCat's commands out to every browser, on loopback.
 
 Started as ``python -m eladapt.viewing.live_server FD`` with one line of JSON on stdin; it answers with one
-line on stdout, and ends when stdin does, that is with the process that started it.
+line on stdout, and ends when stdin does, or when the process that started it has: a process forked from that
+one may hold stdin open for longer.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from tornado import httpserver, netutil, web, websocket
 
 from eladapt.errors import EladaptError
 from eladapt.robot.model import Robot
+from eladapt.robot.reading import frame_index
 from eladapt.viewing import loads
 from eladapt.viewing.live import FRAMES_PER_SECOND, HEAD
 from eladapt.viewing.page import LOOPBACK, filled
@@ -50,7 +52,7 @@ class Stage:
         self.still, self.frame = self.scene.commands, 0
         self.path: list[np.ndarray] = []
         self.goal, self.t, self.stride, self.skipped = np.zeros(0), -np.inf, 1, 0
-        self.tool = robot.model.frames[robot.model.getFrameId(robot.tool)]
+        self.tool = robot.model.frames[frame_index(robot.model, robot.tool)]
         self.tip = tip_of(robot, self.tool.parentJoint) if self.tool.parentJoint else np.zeros(3)
         self.moving: list[bytes] = []  # the last frame, for who comes later
         self.ghost: list[bytes] = []
@@ -153,7 +155,7 @@ class _Stream(websocket.WebSocketHandler):
 
 
 async def serve(inbox: socket.socket, wanted: dict[str, Any]) -> None:
-    """Serve until stdin ends."""
+    """Serve until stdin ends, or the process ``wanted["parent"]`` has."""
     robot = Robot.from_source(wanted["robot"])
     stage = Stage(robot)
     try:
@@ -179,7 +181,7 @@ async def serve(inbox: socket.socket, wanted: dict[str, Any]) -> None:
 
     loop.add_reader(sys.stdin.fileno(), left)
     print(json.dumps({"url": f"http://{LOOPBACK}:{port}/"}), flush=True)
-    while not done.is_set():
+    while not done.is_set() and os.getppid() == wanted["parent"]:
         newest = _newest(inbox)
         if newest is not None and len(newest) == HEAD + 2 * robot.nq:
             commands = stage.step(newest)

@@ -11,6 +11,7 @@ from meshcat.animation import Animation
 
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
+from eladapt.robot.reading import frame_index
 from eladapt.viewing.scene import LOAD_COLOUR, TRUE_LOAD_COLOUR, Motion, Scene
 
 DENSITY = 2000.0  # [kg/m^3] of the balls, that of stone: 2 kg make a ball of 0.12 m
@@ -51,7 +52,7 @@ def loads_of(record: Record, robot: Robot, motion: Motion, times: np.ndarray) ->
         plant = plant["plant"]
     true = plant.get("payload")
     name = (true or {}).get("frame") or robot.tool
-    frame = robot.model.frames[robot.model.getFrameId(name)]
+    frame = robot.model.frames[frame_index(robot.model, name)]
     places = motion.joints[:, frame.parentJoint] @ frame.placement.homogeneous
     nothing = np.array([[0.0, 0, 0, 0, 0, 1.0]])  # before the first estimate
     rows = np.searchsorted(record.carried[:, 0], times + record.t[0], side="right")

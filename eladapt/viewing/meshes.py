@@ -1,23 +1,41 @@
-"""Visual shapes as MeshCat draws them, with meshes mended and thinned."""
+"""Visual shapes as MeshCat draws them, with meshes that were judged, and thinned."""
 
 from __future__ import annotations
 
-import contextlib
-import copy
-import tempfile
+import functools
+import warnings
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
-from defusedxml import ElementTree
 from meshcat import geometry as draw
 
-ROBOT_TRIANGLES, GHOST_TRIANGLES = 140_000, 40_000  # the Panda has 134,293: 3.3 MB of the page
-_PLACEMENTS = ("matrix", "translate", "rotate", "scale", "skew", "lookat")
-_PARTS = "*[@count]"  # <triangles>, <polylist> and the like: a material each
+from eladapt.errors import MeshError, MeshWarning
+from eladapt.meshes.mesh import Mesh, read_mesh
+from eladapt.robot.model import Robot
+from eladapt.urdf.assets import Folders, MeshUse
+
+MOST_TOGETHER = 1_000_000  # triangles of a robot's meshes; each has a part in what the page keeps
+SHOWN = 8  # refused meshes named in a warning
+ROBOT_TRIANGLES, GHOST_TRIANGLES = 140_000, 40_000  # the Panda has 134,913: 3.3 MB of the page
+
+
+class Visual(NamedTuple):
+    """A shape, where on which joint it is, and its colour."""
+
+    joint: int
+    placement: np.ndarray  # (4, 4)
+    colour: np.ndarray  # (4,) red, green, blue, opacity, in [0, 1]
+    form: coal.CollisionGeometry | Mesh
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """(3,) least and (3,) largest coordinates in the shape's frame [m]."""
+        if isinstance(self.form, Mesh):
+            return self.form.vertices.min(axis=0), self.form.vertices.max(axis=0)
+        self.form.computeLocalAABB()
+        return self.form.aabb_local.min_, self.form.aabb_local.max_
 
 
 class Drawn(NamedTuple):
@@ -28,14 +46,46 @@ class Drawn(NamedTuple):
     placement: np.ndarray  # (4, 4)
 
 
-def drawn(shape: pin.GeometryObject, total: int) -> Iterator[Drawn]:
+def shapes_of(model: pin.GeometryModel, forms: dict[str, Mesh | None]) -> list[Visual]:
+    """The shapes of a model. ``forms`` has the meshes that some stand for by name; None is left out."""
+    return [
+        Visual(shape.parentJoint, shape.placement.homogeneous, np.array(shape.meshColor), form)
+        for shape in model.geometryObjects
+        if (form := forms.get(shape.name, shape.geometry)) is not None
+    ]
+
+
+def meshes_of(robot: Robot, uses: dict[str, MeshUse]) -> dict[str, Mesh | None]:
+    """The meshes by the names of the shapes that they are. One that is refused is None, and is warned of."""
+    folders, left = Folders.of(robot.path, robot.package_dirs), MOST_TOGETHER
+    read = functools.cache(lambda use: read_mesh(folders.located(use.filename), use.scale))
+    meshes: dict[str, Mesh | None] = {}
+    refused = []
+    for name, use in uses.items():
+        try:
+            mesh = read(use)
+            if len(mesh.triangles) > left:
+                raise MeshError(f"{use.filename}: with it, the robot has more than {MOST_TOGETHER} triangles")
+        except MeshError as reason:
+            refused.append(f"{name}: {reason}")
+            meshes[name] = None
+        else:
+            left -= len(mesh.triangles)
+            meshes[name] = mesh
+    if refused:
+        rest = f"; and {len(refused) - SHOWN} more" if len(refused) > SHOWN else ""
+        said = f"{robot.path}: drawn without {'; '.join(refused[:SHOWN])}{rest}"
+        warnings.warn(said, MeshWarning, stacklevel=2)
+    return meshes
+
+
+def drawn(shape: Visual, total: int) -> Iterator[Drawn]:
     """The parts of a shape; ``total`` triangles of the whole robot decide how many a mesh may keep."""
-    form = shape.geometry
-    if isinstance(form, coal.BVHModelBase):
-        vertices, triangles = _mesh(shape)
-        share = len(triangles) / total
-        full = _thinned(vertices, triangles, share * ROBOT_TRIANGLES)
-        yield Drawn(full, _thinned(vertices, triangles, share * GHOST_TRIANGLES), np.eye(4))
+    form = shape.form
+    if isinstance(form, Mesh):
+        share = len(form.triangles) / total
+        full = _thinned(*form, share * ROBOT_TRIANGLES)
+        yield Drawn(full, _thinned(*form, share * GHOST_TRIANGLES), np.eye(4))
     elif isinstance(form, coal.Sphere):
         yield _at(draw.Sphere(form.radius))
     elif isinstance(form, coal.Cylinder | coal.Capsule):
@@ -44,73 +94,13 @@ def drawn(shape: pin.GeometryObject, total: int) -> Iterator[Drawn]:
         for end in (-1, 1) if isinstance(form, coal.Capsule) else ():
             yield _at(draw.Sphere(form.radius), np.array([0, 0, end * form.halfLength]))
     else:
-        form.computeLocalAABB()
-        box = form.aabb_local
-        yield _at(draw.Box(list(box.max_ - box.min_)), (box.max_ + box.min_) / 2)
+        low, high = shape.box()
+        yield _at(draw.Box(list(high - low)), (high + low) / 2)
 
 
 def _at(form: draw.Geometry, position: Any = (0, 0, 0), rotation: np.ndarray | None = None) -> Drawn:
     placement = pin.SE3(np.eye(3) if rotation is None else rotation, np.array(position, dtype=float))
     return Drawn(form, form, placement.homogeneous)
-
-
-def _mesh(shape: pin.GeometryObject) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) [m] and the numbers (m, 3) of those of each triangle.
-
-    coal 3.0 counts the vertices of nested COLLADA nodes, and of a node's further materials, from the
-    wrong one on, which scrambles the UR5's wrists; vertices without a triangle give it away. What
-    cannot be mended is drawn as it was read.
-    """
-    mesh = shape.geometry
-    triangles = _triangles(mesh)
-    if len(np.unique(triangles)) < mesh.num_vertices and shape.meshPath.lower().endswith(".dae"):
-        with contextlib.suppress(KeyError, AttributeError, ValueError, ElementTree.ParseError):
-            again = _flattened(shape.meshPath, shape.meshScale)
-            if again.num_tris == mesh.num_tris:
-                return again.vertices(), _triangles(again)
-    return mesh.vertices(), triangles
-
-
-def _triangles(mesh: coal.BVHModelBase) -> np.ndarray:
-    corners = (mesh.tri_indices(index) for index in range(mesh.num_tris))
-    return np.array([(corner[0], corner[1], corner[2]) for corner in corners])
-
-
-def _flattened(path: str, scale: np.ndarray) -> coal.BVHModelBase:
-    """A COLLADA mesh, read from a copy in which every part is a node of its own below the root."""
-    tree = ElementTree.parse(path)
-    root = tree.getroot()
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]  # assimp reads no namespace prefixes
-    geometries = {f"#{geometry.get('id')}": geometry for geometry in root.iter("geometry")}
-    scene, library = root.find(".//visual_scene"), root.find("library_geometries")
-
-    def flatten(node: Any, placement: list[Any]) -> None:
-        placement = placement + [child for child in node if child.tag in _PLACEMENTS]
-        for use in node.findall("instance_geometry"):
-            whole = geometries[use.get("url")]
-            for number in range(len(whole.find("mesh").findall(_PARTS))):
-                single, own = copy.deepcopy(whole), copy.deepcopy(use)
-                mesh = single.find("mesh")
-                for other, part in enumerate(mesh.findall(_PARTS)):
-                    if other != number:
-                        mesh.remove(part)
-                name = f"part.{len(library)}"
-                single.set("id", name)
-                own.set("url", f"#{name}")
-                library.append(single)
-                scene.append(scene.makeelement("node", {"id": name, "name": name}))
-                scene[-1].extend([*placement, own])
-        for child in node.findall("node"):
-            flatten(child, placement)
-
-    for node in scene.findall("node"):
-        scene.remove(node)
-        flatten(node, [])
-    with tempfile.TemporaryDirectory() as folder:
-        copied = Path(folder) / "mesh.dae"
-        tree.write(copied)
-        return coal.MeshLoader().load(str(copied), scale)
 
 
 def _thinned(vertices: np.ndarray, triangles: np.ndarray, most: float) -> draw.TriangularMeshGeometry:

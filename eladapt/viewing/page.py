@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html as escaping
 import json
+import sys
 import threading
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
@@ -18,6 +19,8 @@ from eladapt.errors import ArgumentError
 from eladapt.viewing.scene import Scene
 
 LOOPBACK = "127.0.0.1"
+PATIENCE = 10.0  # [s] for a browser that was connected to say what it wants, or to take it
+MOST_CONNECTIONS = 32  # a browser opens up to six
 VIEWER_CODE = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 
@@ -78,6 +81,7 @@ def filled(
 
 class _Handler(BaseHTTPRequestHandler):
     server: PageServer
+    timeout = PATIENCE
 
     def do_GET(self) -> None:
         host = self.headers.get("Host", "").rsplit(":", 1)[0]
@@ -95,16 +99,38 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 class PageServer(ThreadingTCPServer):
-    """Serves one page on the loopback interface, in threads that end with the process."""
+    """Serves one page on the loopback interface, in threads that end with the process.
+
+    At most `MOST_CONNECTIONS` at a time: further ones are closed. A browser that hangs up, or says nothing
+    for `PATIENCE`, is no error.
+    """
 
     allow_reuse_address = True
     daemon_threads = True
 
     def __init__(self, page: str, port: int):
         self.page = page.encode()
+        self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
         try:
             super().__init__((LOOPBACK, port), _Handler)
         except (OSError, OverflowError) as reason:
             raise ArgumentError(f"port {port}: nothing can be served there: {reason}") from reason
         self.thread = threading.Thread(target=self.serve_forever, daemon=True)
         self.thread.start()
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """As `ThreadingTCPServer`, but for a browser that is gone."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import coal
@@ -15,11 +15,13 @@ import umsgpack
 from meshcat import geometry as draw
 from meshcat.animation import Animation
 
-from eladapt.errors import ArgumentError
+from eladapt.meshes.mesh import Mesh
 from eladapt.robot.model import Robot
-from eladapt.viewing.meshes import drawn
+from eladapt.robot.reading import frame_index
+from eladapt.viewing.meshes import Visual, drawn, meshes_of, shapes_of
 
 GHOST_COLOUR, TRAIL_COLOUR, LOAD_COLOUR, TRUE_LOAD_COLOUR = 0xE8862A, 0x1F5FBF, 0x2F8F4E, 0x20262E
+STICK_COLOUR = np.array([0.55, 0.6, 0.66, 1.0])
 FIELD_OF_VIEW = 40.0  # [deg] vertical
 
 
@@ -30,40 +32,32 @@ class Motion(NamedTuple):
     tool: np.ndarray  # (frames, 3) [m]
 
 
-def visuals_of(robot: Robot) -> pin.GeometryModel:
-    """The robot's visuals, or a stick figure when it has none. Raises ArgumentError for a foreign mesh."""
-    visuals = robot.visual_model()
-    folders = [Path(folder).resolve() for folder in (str(robot.path.parent), *robot.package_dirs)]
-    for shape in visuals.geometryObjects:
-        if isinstance(shape.geometry, coal.BVHModelBase):
-            mesh = Path(shape.meshPath).resolve()
-            if not any(mesh.is_relative_to(folder) for folder in folders):
-                raise ArgumentError(
-                    f"{robot.path}: the mesh {mesh} lies outside the folders that meshes may come from: "
-                    f"{', '.join(map(str, folders))}; name its folder in package_dirs"
-                )
-    return visuals if visuals.ngeoms else _stick_figure(robot)
+def visuals_of(robot: Robot) -> list[Visual]:
+    """The robot's visuals, or a stick figure when it has none.
+
+    Warns, by MeshWarning, of meshes that are not drawn: foreign, too large, broken or nowhere.
+    """
+    model, uses = robot.visual_model()
+    return shapes_of(model, meshes_of(robot, uses)) or _stick_figure(robot)
 
 
-def _stick_figure(robot: Robot) -> pin.GeometryModel:
+def _stick_figure(robot: Robot) -> list[Visual]:
     """Capsules from joint to joint, and from the last joints to what they carry."""
-    model, figure = robot.model, pin.GeometryModel()
+    model, figure = robot.model, []
     ends = [(model.parents[j], model.jointPlacements[j].translation) for j in range(1, model.njoints)]
     ends += [(j, tip_of(robot, j)) for j in range(1, model.njoints) if j not in list(model.parents)]
     thickness = 0.02 * sum(np.linalg.norm(end) for _, end in ends) or 0.02
-    for index, (joint, end) in enumerate(ends):
+    for joint, end in ends:
         length, upright = float(np.linalg.norm(end)), np.array([0.0, 0.0, 1.0])
         rotation = pin.Quaternion.FromTwoVectors(upright, end if length else upright).toRotationMatrix()
-        capsule = coal.Capsule(thickness, length)
-        limb = pin.GeometryObject(f"limb {index}", joint, pin.SE3(rotation, end / 2), capsule)
-        limb.meshColor = np.array([0.55, 0.6, 0.66, 1.0])
-        figure.addGeometryObject(limb)
+        placement = pin.SE3(rotation, end / 2).homogeneous
+        figure.append(Visual(joint, placement, STICK_COLOUR, coal.Capsule(thickness, length)))
     return figure
 
 
 def tip_of(robot: Robot, joint: int) -> np.ndarray:
     """(3,) the end of a last link in its joint's frame [m]: the tool, or where a uniform rod would end."""
-    tool = robot.model.frames[robot.model.getFrameId(robot.tool)]
+    tool = robot.model.frames[frame_index(robot.model, robot.tool)]
     at_joint = tool.parentJoint != joint or np.linalg.norm(tool.placement.translation) < 1e-9
     return 2 * robot.model.inertias[joint].lever if at_joint else tool.placement.translation
 
@@ -71,7 +65,7 @@ def tip_of(robot: Robot, joint: int) -> np.ndarray:
 def motion_of(robot: Robot, t: np.ndarray, q: np.ndarray, times: np.ndarray) -> Motion:
     """The placements at ``times`` of the motion q (N, nq) sampled at t (N,), both [s]."""
     model, data = robot.model, robot.model.createData()
-    tool = robot.model.frames[robot.model.getFrameId(robot.tool)].parentJoint
+    tool = robot.model.frames[frame_index(robot.model, robot.tool)].parentJoint
     tip = tip_of(robot, tool) if tool else np.zeros(3)
     before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
     joints = np.empty((len(times), model.njoints, 4, 4))
@@ -119,13 +113,12 @@ class Scene:
         lines = draw.PointsGeometry(np.array(ends).reshape(-1, 3).T)
         self.draw("floor", lines, draw.LineBasicMaterial(0x9AA4AE), draw.LineSegments)
 
-    def draw_robots(self, visuals: pin.GeometryModel) -> None:
+    def draw_robots(self, visuals: Sequence[Visual]) -> None:
         """The robot and its ghost: a node a joint, with the shapes that the joint carries below it."""
-        shapes = list(visuals.geometryObjects)
-        total = max(1, sum(getattr(shape.geometry, "num_tris", 0) for shape in shapes))
-        for index, shape in enumerate(shapes):
-            is_mesh = isinstance(shape.geometry, coal.BVHModelBase)
-            *rgb, opacity = shape.meshColor
+        total = sum(len(shape.form.triangles) for shape in visuals if isinstance(shape.form, Mesh))
+        for index, shape in enumerate(visuals):
+            is_mesh = isinstance(shape.form, Mesh)
+            *rgb, opacity = shape.colour
             colour = int.from_bytes(bytes(round(255 * min(max(part, 0), 1)) for part in rgb), "big")
             solid = draw.MeshPhongMaterial(colour, opacity=opacity, flatShading=is_mesh)
             ghostly = draw.MeshPhongMaterial(
@@ -133,10 +126,10 @@ class Scene:
                 polygonOffset=True, polygonOffsetFactor=0, polygonOffsetUnits=300,  # the arm hides its ghost
             )  # fmt: skip
             for part, (geometry, thinned, placement) in enumerate(drawn(shape, total)):
-                path = f"{shape.parentJoint}/{index}.{part}"
+                path = f"{shape.joint}/{index}.{part}"
                 for name, form, look in (("robot", geometry, solid), ("set-point", thinned, ghostly)):
                     self.draw(f"{name}/{path}", form, look)
-                    self.root[f"{name}/{path}"].set_transform(shape.placement.homogeneous @ placement)
+                    self.root[f"{name}/{path}"].set_transform(shape.placement @ placement)
 
     def move(self, name: str, motion: Motion, animation: Animation) -> None:
         for joint in range(1, motion.joints.shape[1]):
@@ -147,16 +140,14 @@ class Scene:
                     animation.at_frame(node, frame).set_transform(placement)
 
 
-def camera_for(visuals: pin.GeometryModel, motion: Motion, ghost: Motion) -> dict[str, Any]:
+def camera_for(visuals: Sequence[Visual], motion: Motion, ghost: Motion) -> dict[str, Any]:
     """A camera that has the whole motion in view, facing the plane it mostly moves in."""
     corners = [motion.tool]
-    for shape in visuals.geometryObjects:
-        shape.geometry.computeLocalAABB()
-        box = shape.geometry.aabb_local
-        local = np.array(list(itertools.product(*zip(box.min_, box.max_, strict=True))))
-        local = shape.placement.rotation @ local.T + shape.placement.translation[:, None]
+    for shape in visuals:
+        local = np.array(list(itertools.product(*zip(*shape.box(), strict=True))))
+        local = shape.placement[:3, :3] @ local.T + shape.placement[:3, 3:]
         for placements in (motion.joints[::10], ghost.joints[::10]):
-            world = placements[:, shape.parentJoint]
+            world = placements[:, shape.joint]
             corners.append((world[:, :3, :3] @ local + world[:, :3, 3:]).swapaxes(1, 2).reshape(-1, 3))
     points = np.concatenate(corners)
     low, high = points.min(axis=0), points.max(axis=0)

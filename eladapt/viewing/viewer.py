@@ -78,8 +78,10 @@ def view(
         live = ea.view(robot, live=True, load=controller.carried)
         record = ea.simulate(controller, plant, goal, observer=live)
 
-    Raises ArgumentError for a record without motion, a mesh outside the folders it may come from, a
-    file name that does not end in .html, and a port that cannot be had.
+    Meshes are read from the URDF's own folder and from the robot's ``package_dirs``, which for a record that
+    was loaded are those given to `Record.load`. The view goes on without one that is refused, with a
+    MeshWarning that names it. Raises ArgumentError for a record without motion, a file name that does not end
+    in .html, and a port that cannot be had; UrdfError for a URDF that is not there any more, or broken.
     """
     if live:
         if not isinstance(shown, Robot) or html is not None:

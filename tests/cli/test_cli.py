@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -177,6 +178,8 @@ def test_run_and_report_leave_what_they_say(tmp_path, monkeypatch, capsys):
     assert "Traceback" not in said.err
     assert re.search(r"every joint below 1e-3 rad after \d\.\d+ s", said.out)
     assert "load, as estimated: 0.5 kg" in said.out
+    for line in ("largest speed: no joint has a limit", "joint range: kept by every joint", "fault: none"):
+        assert f"\n{line}\n" in said.out
     record = ea.Record.load("out/two_link.npz")
     np.testing.assert_allclose(record.goal[0], [2, 1.5])
     assert record.configuration["plant"]["class"] == "MujocoPlant"
@@ -189,6 +192,20 @@ def test_run_and_report_leave_what_they_say(tmp_path, monkeypatch, capsys):
     assert "lambda_max((D_L + slope) dt M^-1)" in (tmp_path / "page.html").read_text("utf-8"), (
         "a certificate's row"
     )
+
+
+def test_a_run_says_what_became_of_the_limits(tmp_path, monkeypatch, capsys):
+    """Behind the gate a fault, its kind and when; with --jump no gate, and a speed beyond the limit."""
+    monkeypatch.chdir(tmp_path)
+    line = "run asr_twodof --duration 0.2 --no-certificates "
+    assert main((line + "--noise 0.1").split()) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"\nfault: jump at t = 0\.0\d+ s: no trusted measurement", said)
+    assert ea.Record.load("out/asr_twodof.npz").faults[0].name == "jump"
+    assert main((line + "--jump").split()) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"\nlargest speed: 3\d\d% of the limit, J2 at 0\.00\d s, above it for 0\.\d+ s\n", said)
+    assert "\nfault: not recorded\n" in said
 
 
 def test_a_run_that_diverges_keeps_what_happened(tmp_path, monkeypatch, capsys):
@@ -219,6 +236,68 @@ def test_live_shows_the_run_while_it_goes_on(tmp_path, monkeypatch, capsys):
     assert "The arm can be seen at http://127.0.0.1:" in capsys.readouterr().out
 
 
+LINK = """<link name="{0}"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
+<inertia ixx="0.03" iyy="0.04" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{1}" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>"""
+# An 8-bit and a 7-bit command for the terminal, a bell, and letters that run from right to left.
+STEERING = "J\u009b31m\x1b]0;owned\x07\u202etxt\u2066"
+
+
+def named(folder, name, joint="j1"):
+    """The path of an arm with these names."""
+    path = folder / "arm.urdf"
+    text = f'<robot name="{name}"><link name="base"/>{LINK.format("l1")}{JOINT}</robot>'
+    path.write_text(text.replace("{1}", joint), encoding="utf-8")
+    return path
+
+
+def steers(text):
+    return any(not letter.isprintable() for letter in text.replace("\n", ""))
+
+
+def test_no_name_or_path_steers_the_terminal(tmp_path, monkeypatch, capsys):
+    """What a URDF, a record and the command itself name is shown with its commands spelt out."""
+    monkeypatch.chdir(tmp_path)
+    legal = "".join(letter for letter in STEERING if letter > "\x1f") + "&#10;"  # XML has no others
+    main(["check", str(named(tmp_path, "arm" + legal, legal))])
+    main(["run", "arm.urdf", "--duration", "0.05", "--no-certificates"])
+    main(["run", "arm.urdf", "--goal", "9"])
+    main(["check", str(named(tmp_path, "arm", '" type="fixed'))])
+    main(["check", f"{STEERING}.urdf"])
+    record = ea.Record.load(next((tmp_path / "out").glob("*.npz")))
+    record.robot_source["urdf"] = f"/{STEERING}.urdf"
+    record.save(f"{STEERING}.npz")
+    main(["report", f"{STEERING}.npz"])
+    main(["report", f"{STEERING}.csv"])
+    with pytest.raises(SystemExit):
+        main(["report", f"--{STEERING}"])
+    said = capsys.readouterr()
+    assert "J\\x9b31m]0;owned\\u202etxt\\u2066\\n" in said.out
+    assert "\\x1b]0;owned" in said.err
+    assert not steers(said.out)
+    assert not steers(said.err)
+
+
+def test_all_that_is_printed_is_shown():
+    """The commands print by `say` alone."""
+    folder = Path(ea.__file__).parent / "cli"
+    printing = [
+        path.name for path in folder.glob("*.py") if re.search(r"(?<![\w.])print\(", path.read_text())
+    ]
+    assert printing == ["saying.py"]
+
+
+@pytest.mark.parametrize(("name", "stem"), [(".", "robot"), ("../../up", "up")])
+def test_files_stay_in_the_folder_asked_for(tmp_path, name, stem):
+    out = tmp_path / "x" / "out"
+    urdf = named(tmp_path, name)
+    assert main(["run", str(urdf), "--duration", "0.01", "--no-certificates", "--out", str(out)]) == 0
+    assert os.listdir(tmp_path / "x") == ["out"]
+    assert sorted(os.listdir(out)) == [f"{stem}.{suffix}" for suffix in ("html", "npz", "png")]
+    assert sorted(os.listdir(tmp_path)) == ["arm.urdf", "x"]
+
+
 @pytest.mark.slow
 def test_doctor_finds_this_computer_well(capsys):
     assert main(["doctor"]) == 0
@@ -242,3 +321,18 @@ def test_doctor_says_what_is_missing(monkeypatch, capsys):
     monkeypatch.setattr(doctor, "_speed", lambda: iter(()))
     assert main(["doctor"]) == 1
     assert "FAIL  no-such-package: pip install no-such-package" in capsys.readouterr().out
+
+
+def test_a_density_weighs_what_has_no_inertia(tmp_path):
+    """`check` says which links and how heavy; without one it says that there is this way."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        '<robot name="r"><link name="a"/><link name="b"><visual><origin xyz="0.1 0 0"/><geometry>'
+        '<box size="0.2 0.05 0.05"/></geometry></visual></link><joint name="j" type="revolute">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="20" velocity="2"/></joint></robot>'
+    )
+    assert "--density" in run("check", path).stderr
+    done = run("check", path, "--density", "2000")
+    assert done.returncode == 0, done.stderr
+    assert "weighed by their shapes at 2000 kg/m^3: b 1 kg" in done.stdout

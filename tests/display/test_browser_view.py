@@ -37,7 +37,7 @@ def opened(chrome, record_of, tmp_path_factory):
 
 def colours(robot: ea.Robot) -> np.ndarray:
     """(n, 3) directions of the URDF's colours; shade changes the length of a colour, not its direction."""
-    given = np.array([shape.meshColor[:3] for shape in robot.visual_model().geometryObjects])
+    given = np.array([shape.meshColor[:3] for shape in robot.visual_model()[0].geometryObjects])
     return np.unique(given / np.linalg.norm(given, axis=1, keepdims=True), axis=0)
 
 
@@ -81,7 +81,7 @@ def test_every_visual_of_the_urdf_is_a_mesh_that_can_be_seen(opened, name):
     """UR5: seven visuals of several materials each, none of them lost."""
     scene = opened(name)
     scene.seek(0.0)
-    visuals = ea.Robot.load(name).visual_model().geometryObjects
+    visuals = ea.Robot.load(name).visual_model()[0].geometryObjects
     meshes = scene.meshes("robot")
     assert len(meshes) == len(visuals)
     for hidden in ("robot", "set-point"):

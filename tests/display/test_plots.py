@@ -91,6 +91,19 @@ def test_only_the_limits_of_joints_that_come_near_their_own_are_drawn(record_of)
     assert axes.get_ylim()[1] > 1.9
 
 
+def test_limits_close_to_each_other_share_a_label(record_of):
+    """Two lines, and one text that names both joints; limits that are far apart have a text each."""
+    record = record_of("two_link")
+    record.v[:] = 1.0
+    for limits, said in (
+        ([1.9, 1.92], ["limit of joints 1, 2"]),
+        ([1.0, 1.9], ["limit of joint 1", "limit of joint 2"]),
+    ):
+        axes = panels(ea.plot(dataclasses.replace(record, velocity_limit=np.array(limits))))["velocity"]
+        assert [line.get_ydata()[0] for line in axes.lines[2:]] == limits
+        assert [text.get_text() for text in axes.texts] == said
+
+
 def test_a_law_without_gates_shows_what_is_known_of_gravity(record_of):
     """The eigenvalues over time stand where Delta and the gates would."""
     record = record_of("two_link", delta=None, zeta=None, zeta_integral=None)

@@ -56,10 +56,25 @@ def test_a_controller_without_rules_still_shows_its_gains(record):
 
 
 def test_metrics_are_those_of_the_record(record):
-    text = tables.metrics([record], ["a <run>"])
-    for value in record.metrics()[:-1]:  # the last one is a share, and this arm has no speed limits
+    text, found = tables.metrics([record], ["a <run>"]), record.metrics()
+    for value in found[: len(tables.METRICS)]:
         assert f">{'never' if value == np.inf else tables.figure(value)}<" in text
+    limits = tables.limits([record], ["a <run>"])
+    for said in (found.speed_said, found.range_said, found.faults_said):
+        assert f"<td>{tables.html.escape(said)}</td>" in limits
     assert "a &lt;run&gt;" in text, "a title cannot become markup"
+
+
+def test_what_went_beyond_a_limit_is_said(record_of):
+    """Speed, range and fault, with the joint and the time; old records say that they do not know."""
+    robot = ea.Robot.load("ur5")
+    fault = ea.Fault("velocity", 0.5, "'elbow_joint' at 4 rad/s")
+    made = record_of("ur5", velocity_limit=np.full(6, 0.1), lower=robot.home + 0.1, upper=robot.upper,
+                     q_index=np.arange(6), faults=(fault,))  # fmt: skip
+    text = tables.limits([made], ["fast"])
+    for said in ("% of the limit, ", "above it for ", "left by ", "velocity at t = 0.5000 s"):
+        assert said in text
+    assert tables.limits([record_of("ur5")], ["old"]).count("not recorded") == 2
 
 
 def test_certificates_are_kept_and_shown(record, tmp_path):

@@ -9,8 +9,12 @@ import json
 import math
 import os
 import re
+import socket
+import struct
 import subprocess
 import sys
+import threading
+import time
 import urllib.error
 import urllib.request
 
@@ -22,6 +26,8 @@ import umsgpack
 from display_records import loaded
 
 import eladapt as ea
+from eladapt.errors import MeshWarning
+from eladapt.viewing import page as serving
 from eladapt.viewing.loads import UNSEEN, loads_of, radius_of
 from eladapt.viewing.meshes import ROBOT_TRIANGLES
 from eladapt.viewing.page import VIEWER_CODE
@@ -183,7 +189,7 @@ def test_the_line_is_the_path_of_the_tool(page_of):
 
 def test_primitives_are_drawn_as_such(page_of):
     _, page = page_of("two_link")
-    shapes = ea.Robot.load("two_link").visual_model().geometryObjects
+    shapes = ea.Robot.load("two_link").visual_model()[0].geometryObjects
     wanted = collections.Counter(type(shape.geometry).__name__ for shape in shapes)
     drawn = collections.Counter(form["type"].removesuffix("Geometry") for form in page.geometries("robot"))
     assert drawn == wanted
@@ -198,9 +204,12 @@ def test_a_robot_without_visuals_is_drawn_as_sticks(page_of, tmp_path):
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_every_part_of_a_mesh_is_drawn(page_of, name):
-    """A vertex without a triangle is a part that the mesh reader lost (UR5: several materials)."""
+    """As many triangles as Pinocchio's own reader finds, and no vertex without one."""
     _, page = page_of(name, 0.2)
-    expected = sum(shape.geometry.num_tris for shape in ea.Robot.load(name).visual_model().geometryObjects)
+    robot = ea.Robot.load(name)
+    folders = list(robot.package_dirs)
+    read = pin.buildGeomFromUrdf(robot.model, str(robot.path), pin.VISUAL, package_dirs=folders)
+    expected = sum(shape.geometry.num_tris for shape in read.geometryObjects)
     drawn = 0
     for form in page.geometries("robot"):
         triangles = array(form["data"]["index"])
@@ -251,36 +260,41 @@ def test_a_run_that_diverged_is_shown_as_far_as_it_went(page_of, record_of):
         page_of("two_link", q=np.full_like(q, np.nan))
 
 
-def test_a_mesh_from_elsewhere_is_refused_by_name(tmp_path):
-    """A robot that names one is not made."""
+def test_a_mesh_from_elsewhere_is_left_out_and_named(page_of, tmp_path):
+    """The arm is made, runs, and is drawn as sticks where nothing else is left of it."""
     secret = tmp_path / "elsewhere" / "secret.stl"
     secret.parent.mkdir()
     secret.write_text(TRIANGLE)
-    with pytest.raises(ea.EladaptError, match=re.escape(str(secret))):
-        arm(tmp_path / "robot", MESH.format(secret))
+    robot = arm(tmp_path / "robot", MESH.format(secret))
+    with pytest.warns(MeshWarning, match=f"lies outside the folders.*{re.escape(str(secret))}"):
+        _, page = page_of(robot)
+    assert {form["type"] for form in page.geometries("robot")} == {"CylinderGeometry", "SphereGeometry"}
 
 
-def test_a_mesh_that_was_exchanged_for_a_link_is_not_drawn(record_of, tmp_path):
+def test_a_mesh_that_was_exchanged_for_a_link_is_not_drawn(page_of, tmp_path):
     """Where a mesh lies is looked at again when it is drawn: it may have changed since the robot was made."""
     secret = tmp_path / "elsewhere" / "secret.stl"
     secret.parent.mkdir()
     secret.write_text(TRIANGLE)
     mesh = tmp_path / "robot" / "link.stl"
-    record = record_of(arm(tmp_path / "robot", MESH.format(mesh)))
+    robot = arm(tmp_path / "robot", MESH.format(mesh))
     mesh.symlink_to(secret)
-    (tmp_path / "run.html").write_text("as before")
-    with pytest.raises(ea.EladaptError, match=re.escape(str(secret))):
-        ea.view(record, html=tmp_path / "run.html")
-    assert (tmp_path / "run.html").read_text() == "as before"
+    with pytest.warns(MeshWarning, match=re.escape(str(secret))):
+        _, page = page_of(robot)
+    assert "BufferGeometry" not in {form["type"] for form in page.geometries("robot")}
 
 
 def test_a_mesh_beside_the_urdf_or_in_a_package_is_drawn(page_of, tmp_path):
-    for folder, options in (("robot", {}), ("package", {"package_dirs": [tmp_path / "package"]})):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "one.stl").write_text(TRIANGLE)
-        robot = arm(tmp_path / "robot", MESH.format(tmp_path / folder / "one.stl"), **options)
-        _, page = page_of(robot)
-        assert len(page.geometries("robot")) == 1
+    packages = {"package_dirs": [tmp_path / "package"]}
+    for name, options in (
+        (tmp_path / "robot" / "one.stl", {}), ("one.stl", {}), ("package://robot/../one.stl", {}),
+        (tmp_path / "package" / "arm" / "one.stl", packages), ("package://arm/one.stl", packages),
+    ):  # fmt: skip
+        for folder in ("robot", "package/arm"):
+            (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+            (tmp_path / folder / "one.stl").write_text(TRIANGLE)
+        _, page = page_of(arm(tmp_path / "robot", MESH.format(name), **options))
+        assert [len(array(form["data"]["index"])) for form in page.geometries("robot")] == [1], name
 
 
 @pytest.mark.parametrize("name", ["run.txt", "run", "run.html.gz"])
@@ -324,6 +338,26 @@ def test_the_server_gives_one_page_under_its_own_name(record_of, path, host):
         request = urllib.request.Request(shown.url + path, headers={"Host": host} if host else {})
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(request, timeout=10)
+
+
+def test_browsers_that_hang_or_hang_up_cost_little(record_of, monkeypatch, capsys):
+    """Half-open connections take at most so many threads, and go; a browser that is gone leaves no trace."""
+    monkeypatch.setattr(serving._Handler, "timeout", 0.5)
+    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 4)
+    with contextlib.closing(ea.view(record_of("two_link"))) as shown, contextlib.ExitStack() as opened:
+        before, address = threading.active_count(), shown.server.server_address
+        for _ in range(20):
+            opened.enter_context(socket.create_connection(address)).sendall(b"GET / HT")
+        time.sleep(0.2)
+        assert threading.active_count() <= before + 4
+        gone = opened.enter_context(socket.create_connection(address))
+        gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset, when closed
+        gone.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        gone.close()
+        time.sleep(1.0)
+        with urllib.request.urlopen(shown.url, timeout=10) as answer:
+            Page(answer.read().decode())
+    assert capsys.readouterr().err == ""
 
 
 def test_the_server_ends_with_the_process(record_of, tmp_path):

@@ -6,8 +6,9 @@ from shared import DT, load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError
-from eladapt.gains.derived import ASSUMED_ROTOR_ACCELERATION, derive_gains
+from eladapt.gains.derived import derive_gains
 from eladapt.gains.sensing import DELAY_MARGIN, MOST_NOISE, NOISE_SHARE, Hardware
+from eladapt.robot.rotors import ASSUMED_ROTOR_ACCELERATION
 from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import gc
 import multiprocessing
+import socket
 import time
 
 import numpy as np
@@ -11,8 +12,9 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, HardwareError, LoopError, StateError
+from eladapt.gains.extremes import effort, extremes
 from eladapt.hardware.timing import Pacer, undisturbed
-from eladapt.hardware.udp import STATE, TORQUE, Packet, serve
+from eladapt.hardware.udp import MOST_PACKETS, STATE, TORQUE, Packet, serve
 
 DT = 5e-3  # slow enough for a busy machine
 
@@ -136,6 +138,7 @@ def test_a_fault_is_held_for_a_while_and_ends_the_loop():
     result = ea.run_loop(controller, Blind(plant), goal, 5.0, DT, after_fault=0.1)
     assert result.ended == "fault"
     assert result.fault.name == "measurement"
+    assert result.record.faults == (result.fault,)
     t, late = result.record.t, result.record.t > 0.2 + DT / 2
     assert np.allclose(np.diff(t), DT)
     assert np.isfinite(result.record.q[~late]).all()
@@ -258,8 +261,6 @@ def test_a_robot_in_another_process_is_regulated_over_udp(served):
 
 def test_what_is_no_packet_is_ignored(served):
     """Noise on the port, another sender and a torque that is nan change nothing; silence ends the robot."""
-    import socket
-
     port, report = served
     robot = load("two_link")
     interface = ea.UdpRobot(robot, port, dt=DT)
@@ -279,7 +280,40 @@ def test_what_is_no_packet_is_ignored(served):
     end = report.recv()
     assert end.ended == "silence"
     assert end.commands == 0
-    assert end.refused == 4
+    assert end.refused == 3, "what the stranger sent after the start never arrived"
+
+
+def test_packets_without_end_do_not_stop_the_clock(monkeypatch):
+    """A socket that always has another one: the robot waits for as long as it was told to, and no longer."""
+
+    class Flooded(socket.socket):
+        def recvfrom(self, size):
+            return b"hello", ("127.0.0.1", 9)
+
+    monkeypatch.setattr("eladapt.hardware.udp.socket.socket", Flooded)
+    robot = load("two_link")
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    end = serve(plant, DT, ready=lambda port: None, patience=1.0)
+    assert end.ended == "nobody came"
+    assert end.timing.ticks > 20, "of 200, on a machine that is busy"
+    assert end.refused == MOST_PACKETS * end.timing.ticks
+
+
+def test_a_torque_beyond_the_effort_limits_is_held_to_them(served):
+    """1e6 N m, under which a plant would diverge within a step, and 1 N m, which is taken as it is."""
+    port, report = served
+    robot = load("two_link")
+    interface = ea.UdpRobot(robot, port, dt=DT)
+    most = effort(robot, extremes(robot))  # this URDF sets none
+    interface.start()
+    for torque, applied in (([1e6, -1e6], most * [1, -1]), ([1.0, -1.0], [1.0, -1.0])):
+        interface.write(np.array(torque))
+        time.sleep(0.05)
+        np.testing.assert_array_equal(interface.read().tau, applied)
+    interface.stop()
+    end = report.recv()
+    assert end.ended == "stop"
+    assert (end.commands, end.clipped, end.refused) == (2, 1, 0)
 
 
 def test_nobody_answers_is_said():

@@ -1,5 +1,7 @@
 """Motions keep to their limits, begin and end at rest, and go where they should."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from shared import ROBOTS, load
@@ -93,8 +95,6 @@ def test_an_end_that_cannot_be_is_refused_with_joint_and_figures():
     model = weak.model.copy()
     model.upperEffortLimit = 0.1 * np.array(model.upperEffortLimit)
     model.lowerEffortLimit = -np.array(model.upperEffortLimit)
-    import dataclasses
-
     weak = dataclasses.replace(weak, model=model)
     with pytest.raises(ArgumentError, match=r"q1: \w+ cannot be held there: gravity takes .* kg and m"):
         ea.move(weak, weak.configuration(weak.home), weak.configuration(np.zeros(6)))
@@ -132,12 +132,23 @@ def test_shares_and_limits_of_ones_own():
             ea.MotionLimits.for_robot(robot, **given)
 
 
-def test_makers_limits_hold():
-    """The Panda's documentation has them; half of its torque rate is the motion's."""
+@pytest.mark.parametrize("name", ["panda", "ur3", "ur5", "ur10", "xarm7"])
+def test_makers_limits_hold(name):
+    """Of the library's arms whose makers publish any: no motion is planned beyond them, and some joint is
+    slower for it than the URDF alone would have it."""
+    robot = load(name)
+    limits = ea.MotionLimits.for_robot(robot, velocity=1.0)
+    unpublished = ea.MotionLimits.for_robot(dataclasses.replace(robot, published={}), velocity=1.0)
+    slower = False
+    for kind in set(robot.published) - {"torque_rate"}:
+        assert np.all(getattr(limits, kind) <= robot.published[kind])
+        slower |= bool(np.any(getattr(limits, kind) < getattr(unpublished, kind)))
+    assert slower
+
+
+def test_half_of_the_panda_makers_torque_rate_is_the_motions():
     robot = load("panda")
     limits = ea.MotionLimits.for_robot(robot, velocity=1.0)
-    for name in ("velocity", "acceleration", "jerk"):
-        assert np.all(getattr(limits, name) <= robot.published[name])
     q = robot.configuration(robot.home)
     assert np.all(np.abs(robot.mass_matrix(q)) @ limits.jerk <= 0.55 * robot.published["torque_rate"])
     assert np.all(ea.TorqueGate.for_robot(robot).torque_rate <= 1000)

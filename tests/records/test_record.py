@@ -9,7 +9,9 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, RecordError
-from eladapt.records.record import chatter
+from eladapt.records.metrics import chatter
+from eladapt.records.recorder import Recorder
+from eladapt.signals import Reference
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +96,6 @@ def test_metrics_of_a_known_signal(record):
         parameters=theta,
         parameters_true=np.ones(1),
         n_potential=1,
-        v=0.5 * error,
-        velocity_limit=np.ones(1),
         dt=1e-3,
     )
     metrics = made.metrics()
@@ -104,8 +104,120 @@ def test_metrics_of_a_known_signal(record):
     assert metrics.parameter_settling == pytest.approx(1.5)
     assert metrics.chatter == pytest.approx(0.4, rel=0.03)  # the trend of a cut sine
     assert made.settling_time(threshold=1e-6) == np.inf
-    assert metrics.peak_speed == pytest.approx(0.5)
     assert metrics.control_energy == pytest.approx(np.sum(tau**2) * 1e-3)
+
+
+def test_the_fastest_joint_is_named_with_its_share_and_its_time(record):
+    """The share counts, not the speed; joints without a limit do not, nor what no sensor could read."""
+    v = np.zeros_like(record.v)
+    v[10:14, 1], v[12, 1] = -1.5, -3.0
+    v[20:40, 2], v[5, 0], v[7, 3] = 2.0, 50.0, np.nan
+    limit = np.array([np.inf, 2.0, 4.0, 1.0, 1.0, 1.0])
+    speed = dataclasses.replace(record, v=v, velocity_limit=limit).metrics().speed
+    assert speed == (1.5, record.joint_names[1], pytest.approx(0.012), pytest.approx(0.001))
+    limit[1] = 4.0
+    made = dataclasses.replace(record, v=v, velocity_limit=limit).metrics()
+    assert made.speed == (0.75, record.joint_names[1], pytest.approx(0.012), 0.0)
+    assert made.speed_said == f"75% of the limit, {record.joint_names[1]} at 0.012 s"
+    limit[1] = 1.0
+    fast = dataclasses.replace(record, v=v, velocity_limit=limit).metrics()
+    assert fast.speed_said == f"300% of the limit, {record.joint_names[1]} at 0.012 s, above it for 0.004 s"
+    unlimited = dataclasses.replace(record, v=v, velocity_limit=np.full(6, np.inf)).metrics()
+    assert np.isnan(unlimited.speed.value)
+    assert unlimited.speed_said == "no joint has a limit"
+
+
+def test_a_joint_that_left_its_range_is_named(record):
+    """By how much, when and for how long, below and above; a continuous joint has no range to leave."""
+    robot = load("kinova")
+    assert np.isinf(robot.upper[[0, 3, 5]]).all(), "continuous joints, which take two numbers of q each"
+    made = record.metrics()
+    assert made.beyond.value < 0
+    assert made.range_said == "kept by every joint"
+    x = np.tile(robot.home, (len(record), 1))
+    x[:, 0] = np.linspace(0, 20, len(record))
+    x[30:40, 1] = robot.upper[1] + 0.02
+    x[8, 2] = robot.lower[2] - 0.03
+    left = dataclasses.replace(record, q=np.array([robot.configuration(row) for row in x])).metrics()
+    # 1e-12: of differences of angles of some radians
+    assert left.beyond == (pytest.approx(0.03, abs=1e-12), robot.joint_names[2], 0.008, pytest.approx(0.001))
+    said = f"left by {robot.joint_names[2]}, 0.03 beyond it at 0.008 s, outside for 0.001 s"
+    assert left.range_said == said
+    x[8, 2] = robot.lower[2] - 0.01
+    left = dataclasses.replace(record, q=np.array([robot.configuration(row) for row in x])).metrics()
+    assert left.beyond[1:] == (robot.joint_names[1], pytest.approx(0.03), pytest.approx(0.01))
+    x[:, [1, 2]] = robot.home[[1, 2]]
+    x[:, 1] = robot.upper[1] + 1e-9
+    at_the_end = dataclasses.replace(record, q=np.array([robot.configuration(row) for row in x])).metrics()
+    assert at_the_end.range_said == "kept by every joint", "by less than a sensor sees"
+
+
+class Failing:
+    """Raises in its eleventh step, once."""
+
+    def __init__(self, robot):
+        self.robot = robot
+
+    def init(self, measurement):
+        return 0
+
+    def step(self, state, measurement, goal, dt):
+        if state == 10:
+            raise RuntimeError("no idea")
+        return state + 1, self.robot.gravity(measurement.q)
+
+
+@pytest.mark.parametrize("shaped", [False, True])
+def test_the_gates_fault_is_recorded_and_survives_saving(shaped, tmp_path):
+    """Its kind, its time and its message, once, however long it lasts."""
+    robot = load("two_link")
+    gated = ea.GatedController.for_robot(Failing(robot))
+    q = robot.configuration(robot.home)
+    record = ea.simulate(
+        ea.Shaped(gated) if shaped else gated, ea.PinocchioPlant(robot, q), q, 0.05, progress=False
+    )
+    fault = ea.Fault("controller", pytest.approx(0.010), "RuntimeError: no idea")
+    assert record.faults == (fault,) == (record.final_state.fault,)
+    again = ea.Record.load(record.save(tmp_path / "run.npz"))
+    assert again.faults == record.faults
+    assert again.metrics().faults == record.faults
+    assert again.metrics().faults_said == "controller at t = 0.0100 s: RuntimeError: no idea"
+
+
+def test_every_fault_of_a_run_is_kept():
+    """After a reset the gate may latch another one; two that follow each other are told apart."""
+    robot = load("two_link")
+    controller = ea.GatedController.for_robot(Failing(robot))
+    q, still = robot.configuration(robot.home), robot.still
+    goal = Reference(q, still, still)
+    state = controller.init(ea.Measurement(0.0, q, still, still))
+    recorder = Recorder(robot, controller, 1e-3, 40, "")
+    for k in range(1, 31):
+        if k == 15:
+            state = controller.reset(state)._replace(inner=0)
+        state, tau = controller.step(state, ea.Measurement(1e-3 * k, q, still, still), q, 1e-3)
+        recorder.add(1e-3 * k, q, still, tau, goal, state)
+    assert [fault.t for fault in recorder.record().faults] == pytest.approx([0.011, 0.025])
+
+
+def test_without_a_gate_and_in_older_records_no_fault_is_recorded(record, tmp_path):
+    """Nor are the ranges in older ones; all else is there."""
+    assert record.faults is None
+    assert record.metrics().faults_said == "not recorded"
+    gated = ea.GatedController.for_robot(ea.CompositeController.for_robot(load("kinova")))
+    plant = ea.PinocchioPlant(load("kinova"), record.q[0])
+    watched = ea.simulate(gated, plant, record.goal[0], 0.01, progress=False)
+    assert watched.faults == ()
+    assert watched.metrics().faults_said == "none"
+    path = watched.save(tmp_path / "run.npz")
+    with np.load(path) as file:
+        header, arrays = json.loads(str(file["header"])), {n: file[n] for n in file.files if n != "header"}
+    del header["faults"], arrays["lower"], arrays["upper"], arrays["q_index"]
+    np.savez_compressed(path, header=np.array(json.dumps(header)), **arrays)
+    old = ea.Record.load(path)
+    assert old.metrics()[:-2] == watched.metrics()[:-2]
+    assert old.metrics().range_said == "not recorded"
+    assert old.metrics().faults_said == "not recorded"
 
 
 def test_chatter_ignores_a_trend():

@@ -207,7 +207,7 @@ def test_damage_is_refused(saved, tmp_path, rng):
         damaged.write_bytes(sound[:length])
         with pytest.raises(StateError, match=r"damaged\.npz"):
             ea.load_state(damaged, controller)
-    with pytest.raises(StateError, match="no such file"):
+    with pytest.raises(StateError, match="no such saved state"):
         ea.load_state(tmp_path / "none.npz", controller)
     with pytest.raises(StateError):
         ea.load_state(tmp_path, controller)

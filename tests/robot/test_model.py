@@ -1,6 +1,7 @@
 """Robots from URDFs: names, limits, locked and continuous joints, and what is refused."""
 
 import re
+import warnings
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,10 +10,10 @@ import pytest
 from shared import ROBOTS, load
 
 import eladapt as ea
-from eladapt.errors import ArgumentError, UnitsWarning, UnknownNameError, UrdfError
+from eladapt.errors import ArgumentError, AssumedWarning, UnitsWarning, UnknownNameError, UrdfError
 from eladapt.robot.library import entry
 
-LINK = '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'  # noqa: E501
+LINK = '<link name="{0}"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>'  # noqa: E501
 JOINT = (
     '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><axis xyz="0 1 0"/>'
     '<origin xyz="0.3 0 0"/><limit effort="{4}" velocity="0" lower="{5}" upper="{6}"/>{7}</joint>'
@@ -283,3 +284,34 @@ def test_numbers_that_fit_no_arm_are_told(tmp_path):
     path.write_text(re.sub(r'effort="[^"]+"', 'effort="20"', heavier))
     with pytest.warns(UnitsWarning, match="kg and m"):
         ea.Robot.from_urdf(path)
+
+
+def weightless_wrist(tmp_path: Path, effort: float) -> Path:
+    """A last link that is a point on its own axis."""
+    path = urdf(tmp_path, joint(0, "revolute", 50, -2, 2), joint(1, "revolute", effort, -2, 2))
+    text = path.read_text()
+    point = LINK.format("link2")
+    for moment in ("ixx", "iyy", "izz"):
+        point = point.replace(f'{moment}=".1"', f'{moment}="0"')
+    path.write_text(text.replace(LINK.format("link2"), point))
+    return path
+
+
+def test_a_joint_that_turns_no_inertia_runs_on_an_assumed_rotor(tmp_path):
+    """One that its effort turns at 400 rad/s^2, told; the arm settles on it. Without an effort limit nothing
+    can be assumed, and with a rotor given nothing is."""
+    path = weightless_wrist(tmp_path, 20)
+    with pytest.warns(AssumedWarning, match=r"joint 'j1'.*rotor of 0\.05 kg m\^2.*armature="):
+        robot = ea.Robot.from_urdf(path)
+    np.testing.assert_allclose(robot.armature, [0, 20 / 400])
+    goal = robot.configuration([0.5, 0.8])
+    plant = ea.PinocchioPlant(robot, robot.configuration([0.0, 0.0]))
+    record = ea.simulate(ea.CompositeController.for_robot(robot), plant, goal, 4.0, progress=False)
+    assert record.settling_time(1e-3) < 4
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again = ea.Robot.from_source(robot.source)
+        np.testing.assert_array_equal(again.armature, robot.armature)
+        assert ea.Robot.from_urdf(path, armature={"j1": 0.02}).armature[1] == 0.02
+    with pytest.raises(UrdfError, match=r'"j1": 0 kg m\^2 about its axis.*an effort limit or an armature'):
+        ea.Robot.from_urdf(weightless_wrist(tmp_path, 0))

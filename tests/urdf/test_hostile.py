@@ -1,5 +1,7 @@
 """Hostile and broken files: each is refused with its cause, within 2 s and 500 MB; no process dies of one.
 
+A robot whose meshes are hostile is read, and drawn without them.
+
 Every file is read in a process of its own, forked from one that has imported eladapt, so that a crash, a hang
 or a bloated heap shows in that process alone.
 """
@@ -12,13 +14,17 @@ import json
 import os
 import subprocess
 import sys
+import warnings
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 from test_checks import ARM, BODIES, CHAIN, ELBOW, MUTATIONS, NOT_ROBOTS
 
 import eladapt as ea
+from eladapt.errors import MeshWarning
+from eladapt.meshes.mesh import Mesh
+from eladapt.viewing.scene import visuals_of
 
 SECONDS, MEGABYTES = 2.0, 500.0
 ROD = '<cylinder radius="0.03" length="0.4"/>'
@@ -104,6 +110,13 @@ FILES = {
     "mesh behind a link": (meshed("link/passwd"), "lies outside"),
     "mesh of a device": (meshed("/dev/zero"), "lies outside"),
     "mesh without a name": (meshed(""), "names no file"),
+    "mesh in a namespace of its own": (meshed('/etc/passwd" xmlns="u'), "lies outside"),
+    "visual in a namespace of its own": (
+        changed(("<visual>", '<visual xmlns="u">'), (ROD, '<mesh filename="/etc/passwd"/>')),
+        "lies outside",
+    ),
+    "mesh that is nowhere": (meshed("no_such_file.stl"), "there is none in"),
+    "mesh that is none": (meshed("robot.urdf"), "robot.urdf"),
     "texture above the folder": (
         changed(
             (
@@ -111,7 +124,7 @@ FILES = {
                 '</geometry><material name="m"><texture filename="../../x"/></material></visual>',
             )
         ),
-        "lies outside",
+        "accepted",
     ),
 }
 MIMICS = {
@@ -143,7 +156,7 @@ SPECIAL = {  # made by `lay_out`
 
 
 def cases() -> dict[str, Hostile]:
-    groups = {**BOMBS, **BYTES, **FILES, **MIMICS, **SIZES, **NOT_ROBOTS}
+    groups = {**BOMBS, **BYTES, **MIMICS, **SIZES, **NOT_ROBOTS}
     found = {name: Hostile(*pair) for name, pair in groups.items()}
     for name, (old, new, _, value) in {**MUTATIONS, **BODIES}.items():
         found[name] = Hostile(ARM.replace(old, new), value)
@@ -151,11 +164,13 @@ def cases() -> dict[str, Hostile]:
 
 
 CASES = cases()
+DRAWN = {name: Hostile(*pair) for name, pair in FILES.items()}
 
 DRIVER = """
-import base64, json, os, resource, signal, sys, time
+import base64, json, os, resource, signal, sys, time, warnings
 import eladapt as ea
 from eladapt.errors import UrdfError
+from eladapt.viewing.scene import STICK_COLOUR, visuals_of
 for name in json.load(sys.stdin):
     back, out = os.pipe()
     sys.stdout.flush()
@@ -166,8 +181,11 @@ for name in json.load(sys.stdin):
         signal.alarm(30)
         began = time.process_time()
         try:
-            ea.Robot.from_urdf(os.path.join(sys.argv[1], name, "robot.urdf"))
-            said = "accepted"
+            with warnings.catch_warnings(record=True) as told:
+                robot = ea.Robot.from_urdf(os.path.join(sys.argv[1], name, "robot.urdf"))
+                robot.gravity(robot.configuration(robot.home))
+                left = [visual for visual in visuals_of(robot) if visual.colour is not STICK_COLOUR]
+            said = f"accepted with {len(left)} shapes; " + " ".join(str(warning.message) for warning in told)
         except UrdfError as error:
             said = "refused: " + str(error)
         except BaseException as error:
@@ -190,7 +208,7 @@ def folder_of(name: str) -> str:
 
 
 def lay_out(top: Path) -> None:
-    for name, case in CASES.items():
+    for name, case in {**CASES, **DRAWN}.items():
         folder = top / folder_of(name)
         folder.mkdir()
         path = folder / "robot.urdf"
@@ -215,7 +233,7 @@ def lay_out(top: Path) -> None:
 def outcomes(tmp_path_factory):
     top = tmp_path_factory.mktemp("hostile")
     lay_out(top)
-    names = json.dumps([folder_of(name) for name in CASES])
+    names = json.dumps([folder_of(name) for name in {**CASES, **DRAWN}])
     command = [sys.executable, "-c", DRIVER, str(top)]
     done = subprocess.run(command, input=names, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
@@ -229,42 +247,70 @@ def test_there_are_enough():
 @pytest.mark.parametrize("name", CASES)
 def test_a_hostile_file_is_refused_with_its_cause(outcomes, name):
     """Refused by name, in time and in space; the process that read it ends as it should."""
-    result = outcomes[folder_of(name)]
-    assert result["signal"] == 0, f"killed by signal {result['signal']}"
+    result = bounded(outcomes[folder_of(name)])
     assert result["said"].startswith("refused: "), result["said"][:300]
     assert "robot.urdf" in result["said"]
     assert CASES[name].said in result["said"]
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_hostile_mesh_is_left_out_of_the_view_alone(outcomes, name):
+    """The robot has its dynamics; its view lacks the mesh and says which and why. No texture is read."""
+    result = bounded(outcomes[folder_of(name)])
+    shapes = 1 if "texture" in name else 0
+    assert result["said"].startswith(f"accepted with {shapes} shapes"), result["said"][:300]
+    assert DRAWN[name].said in result["said"]
+    assert ("upper_0: " in result["said"]) == (shapes == 0)
+
+
+def bounded(result: dict[str, Any]) -> dict[str, Any]:
+    """What became of a file, in a process that ended as it should, in time and in space."""
+    assert result["signal"] == 0, f"killed by signal {result['signal']}"
     assert result["seconds"] < SECONDS  # of the processor: the clock of a busy machine says nothing
     assert result["megabytes"] < MEGABYTES  # of the whole process, with numpy and pinocchio
+    return result
 
 
-INSIDE = ("part.stl", "./meshes/part.stl", "meshes/../part.stl", "package://arm/part.stl", "no_such_file.stl")
+CORNERS = "outer loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop"
+TRIANGLE = f"solid part\nfacet normal 0 0 1\n{CORNERS}\nendfacet\nendsolid part\n"
+INSIDE = ("part.stl", "./meshes/part.stl", "meshes/../part.stl", "package://arm/part.stl")
+
+
+def drawn(urdf: Path, *package_dirs: Path) -> int:
+    """How many meshes the view has, where every warning is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", MeshWarning)
+        visuals = visuals_of(ea.Robot.from_urdf(urdf, package_dirs=package_dirs))
+    return sum(isinstance(visual.form, Mesh) for visual in visuals)
 
 
 @pytest.mark.parametrize("filename", INSIDE)
-def test_files_inside_the_folders_pass(tmp_path, filename):
-    """A mesh below the URDF's folder is no fault, there or not: dynamics do not need it."""
-    (tmp_path / "meshes").mkdir()
-    (tmp_path / "part.stl").write_text("solid part\nendsolid part\n")
-    (tmp_path / "robot.urdf").write_text(meshed(filename))
-    robot = ea.Robot.from_urdf(tmp_path / "robot.urdf")
-    assert robot.gravity(robot.configuration(robot.home)).shape == (2,)
+def test_meshes_beside_the_file_are_drawn(tmp_path, monkeypatch, filename):
+    """Found from where the URDF lies, wherever the program runs."""
+    folder = tmp_path / "arm"
+    (folder / "meshes").mkdir(parents=True)
+    for place in (folder / "part.stl", folder / "meshes" / "part.stl"):
+        place.write_text(TRIANGLE)
+    (folder / "robot.urdf").write_text(meshed(filename))
+    monkeypatch.chdir("/")
+    assert drawn(folder / "robot.urdf", *([tmp_path] if "package" in filename else [])) == 1
 
 
 def test_a_package_folder_may_be_anywhere_but_not_left(tmp_path):
     """package_dirs open their own folders, through a link too, and nothing above them."""
     (tmp_path / "urdf").mkdir()
     (tmp_path / "packages" / "arm").mkdir(parents=True)
-    (tmp_path / "packages" / "arm" / "part.stl").write_text("solid part\nendsolid part\n")
+    for place in (tmp_path / "packages" / "arm" / "part.stl", tmp_path / "secret.stl"):
+        place.write_text(TRIANGLE)
     (tmp_path / "linked").symlink_to(tmp_path / "packages")
     urdf = tmp_path / "urdf" / "robot.urdf"
     for folder in ("packages", "linked"):
         urdf.write_text(meshed("package://arm/part.stl"))
-        ea.Robot.from_urdf(urdf, package_dirs=[tmp_path / folder])
+        assert drawn(urdf, tmp_path / folder) == 1
         urdf.write_text(meshed("package://arm/../../secret.stl"))
-        with pytest.raises(ea.EladaptError, match="lies outside the folders"):
-            ea.Robot.from_urdf(urdf, package_dirs=[tmp_path / folder])
+        with pytest.raises(MeshWarning, match="lies outside the folders"):
+            drawn(urdf, tmp_path / folder)
     urdf.write_text(meshed("../packages/arm/part.stl"))
-    with pytest.raises(ea.EladaptError, match="lies outside the folders"):
-        ea.Robot.from_urdf(urdf)
-    ea.Robot.from_urdf(urdf, package_dirs=[tmp_path / "packages"])
+    with pytest.raises(MeshWarning, match="lies outside the folders"):
+        drawn(urdf)
+    assert drawn(urdf, tmp_path / "packages") == 1
