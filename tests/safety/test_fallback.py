@@ -1,4 +1,4 @@
-"""After an alarm the arm stops, or its brakes are asked for: it never gains more than a bridging time can add."""
+"""After an alarm the arm stops or its brakes are wanted: it never gains more than a bridging time can add."""
 
 import dataclasses
 import functools

@@ -1,0 +1,163 @@
+"""Joints that are not to be believed are named; loads, pushes, friction and rotors are no reason to."""
+
+import numpy as np
+import pytest
+from shared import load
+
+import eladapt as ea
+from eladapt.safety.belief import Belief
+from eladapt.simulation.instruments import _Wrapper
+
+DT, BEGINS = 1e-3, 0.15
+NOISE = ea.Noise(1e-5, 1e-3)
+
+
+class Wrong(_Wrapper):
+    """A plant of which ``sensed`` (a measurement, the last good one) and ``driven`` (a torque) say what is
+    wrong from ``begins`` [s] on; the drive reports what it was told."""
+
+    def __init__(self, plant, sensed=None, driven=None, begins=BEGINS):
+        super().__init__(plant)
+        self.sensed, self.driven, self.begins = sensed, driven, begins
+
+    def reset(self):
+        self.good = self.plant.reset()
+        return self.good
+
+    def step(self, tau, dt):
+        wrong = self.good.t >= self.begins - dt / 2
+        measurement = self.plant.step(self.driven(tau.copy()) if wrong and self.driven else tau, dt)
+        measurement = measurement._replace(tau=tau)
+        if measurement.t < self.begins - dt / 2 or self.sensed is None:
+            self.good = measurement
+            return measurement
+        self.good = self.good._replace(t=measurement.t)
+        return self.sensed(measurement, self.good)
+
+
+def put(vector, i, value):
+    vector = vector.copy()
+    vector[i] = value
+    return vector
+
+
+def turned(i):
+    """An encoder that counts the wrong way from where it is."""
+    return lambda m, good: m._replace(q=put(m.q, i, 2 * good.q[i] - m.q[i]), v=put(m.v, i, -m.v[i]))
+
+
+def dead(i):
+    return lambda m, good: m._replace(q=put(m.q, i, good.q[i]), v=put(m.v, i, 0.0))
+
+
+SENSORS = {
+    "reversed": lambda i: {"sensed": turned(i)},
+    "velocity reversed": lambda i: {"sensed": lambda m, good: m._replace(v=put(m.v, i, -m.v[i]))},
+    "velocity dead": lambda i: {"sensed": lambda m, good: m._replace(v=0 * m.v)},
+    "velocity halved": lambda i: {"sensed": lambda m, good: m._replace(v=m.v / 2)},
+    "encoder dead": lambda i: {"sensed": dead(i)},
+    "drive reversed": lambda i: {"driven": lambda tau: put(tau, i, -tau[i])},
+}
+
+
+def watched(plant_options=None, duration=1.0, jump=True, **wrong):
+    """A record of a Panda's move, behind the gate."""
+    robot = load("panda")
+    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
+    controller = controller if jump else ea.Shaped(controller)
+    plant = ea.PinocchioPlant(
+        robot, robot.configuration(robot.home), noise=NOISE, seed=1, **(plant_options or {})
+    )
+    goal = robot.configuration(robot.target)
+    return ea.simulate(controller, Wrong(plant, **wrong), goal, duration, DT, progress=False)
+
+
+@pytest.mark.parametrize("joint", [0, 3, 6])
+@pytest.mark.parametrize("kind", SENSORS)
+def test_what_is_not_to_be_believed_is_named_before_a_speed_limit_is_passed(kind, joint):
+    """In a move within the limits; and the brakes stop the arm below 1.3 of its speed limits."""
+    record = watched(jump=False, **SENSORS[kind](joint))
+    assert record.final_state.fault.name in ("reversed", "unresponsive", "sensor", "jump")
+    assert record.final_state.brake
+    assert np.all(np.abs(record.v) < 1.3 * load("panda").velocity_limit)
+
+
+def test_a_dead_encoder_at_rest_is_missed_by_its_noise():
+    """A joint whose noise ends although the others' goes on, 20 samples later."""
+    robot = load("panda")
+    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
+    home = robot.configuration(robot.home)
+    plant = Wrong(ea.PinocchioPlant(robot, home, noise=NOISE), sensed=dead(3), begins=0.5)
+    record = ea.simulate(controller, plant, home, 0.6, DT, progress=False)
+    fault = record.final_state.fault
+    assert fault.name == "sensor"
+    assert "panda_joint4" in fault.message
+    assert fault.t < 0.53
+
+
+def test_encoders_that_count_are_not_missed_at_rest():
+    """Positions in whole counts stand still at rest, and their velocities decay: no reason for an alarm."""
+    from eladapt.simulation.instruments import Encoders
+
+    robot = load("panda")
+    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
+    plant = Encoders(ea.PinocchioPlant(robot, robot.configuration(robot.home)))
+    record = ea.simulate(controller, plant, robot.configuration(robot.target), 3.0, DT, progress=False)
+    assert record.final_state.fault is None
+
+
+@pytest.mark.parametrize("what", ["load", "rotors", "friction"])
+def test_what_an_arm_may_have_is_no_reason_for_an_alarm(what):
+    """A load that comes and goes, rotors of which nobody told, friction of 6 % of the efforts."""
+    robot = load("panda")
+    home, goal = robot.configuration(robot.home), robot.configuration(robot.target)
+    plants = {
+        "load": lambda: ea.PinocchioPlant(
+            robot, home, noise=NOISE, payload=ea.Payload(2.0, attach=0.3, release=0.8)
+        ),
+        "rotors": lambda: ea.MujocoPlant(robot, home, noise=NOISE, armature=0.1),
+        "friction": lambda: ea.PinocchioPlant(
+            robot, home, noise=NOISE, friction=ea.Friction(coulomb=0.06 * robot.effort_limit)
+        ),
+    }
+    controller = ea.Shaped(ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT))
+    record = ea.simulate(controller, plants[what](), goal, 1.5, DT, progress=False)
+    assert record.final_state.fault is None
+
+
+def test_a_clock_that_is_set_back_is_a_new_time_base():
+    """By a second in the middle of a move: the same run as if nothing had been."""
+    moved = watched(duration=2.5, sensed=lambda m, good: m._replace(t=m.t - 1.0))
+    usual = watched(duration=2.5)
+    assert moved.final_state.fault is None
+    # The sums of steps that make the two clocks round differently.
+    np.testing.assert_allclose(moved.q, usual.q, atol=1e-6)
+
+
+def test_a_swing_that_does_not_end_is_named():
+    """A guard that sees a joint swing at 5 Hz about a goal that rests names it within two seconds, and not
+    one that dies away."""
+    from eladapt.safety.guards import DivergenceGuard
+
+    robot, guard, still = load("two_link"), DivergenceGuard(), np.zeros(2)
+
+    def named(decay):
+        state = guard.init(still, 2)
+        for k in range(2000):
+            t = k * DT
+            v = np.array([0.5 * np.exp(-decay * t) * np.cos(10 * np.pi * t), 0.0])
+            state = guard.step(state, still, still, still, v, np.zeros(2, dtype=bool), DT)
+            if alarm := guard.alarm(state, still, robot):
+                return alarm.name
+        return None
+
+    assert named(0.0) == "oscillation"
+    assert named(2.0) is None
+
+
+def test_thresholds_follow_the_arm():
+    """What a person who pushes makes of torque is no reason for an alarm, in no joint."""
+    robot = load("panda")
+    belief = Belief.for_robot(robot, robot.effort_limit, robot.velocity_limit)
+    assert np.all(belief.against[:2] > 20.0)  # 24 N at 0.8 m
+    assert np.all(belief.silent >= belief.against)
