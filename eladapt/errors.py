@@ -147,6 +147,10 @@ class BookkeepingWarning(EladaptWarning):
     """Something beside the control of a moving robot failed, as a checkpoint; the robot is controlled on."""
 
 
+class BrakesWarning(EladaptWarning):
+    """Brakes that are not there, or that did not stop a robot."""
+
+
 class MendedWarning(EladaptWarning):
     """A body of a robot file that was given the nearest physical inertia."""
 
