@@ -151,6 +151,10 @@ class BrakesWarning(EladaptWarning):
     """Brakes that are not there, or that did not stop a robot."""
 
 
+class GoalWarning(EladaptWarning):
+    """A goal that no arm may reach, and that was changed."""
+
+
 class MendedWarning(EladaptWarning):
     """A body of a robot file that was given the nearest physical inertia."""
 
