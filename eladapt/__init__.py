@@ -34,7 +34,7 @@ from eladapt.robot.library import names as robots
 from eladapt.robot.model import Robot
 from eladapt.safety.gate import FAULTS, TorqueGate
 from eladapt.safety.gated import GatedController, GatedState
-from eladapt.signals import Fault, Measurement, MixedRegression, Reference, Regression
+from eladapt.signals import Braking, Fault, Measurement, MixedRegression, Reference, Regression
 from eladapt.simulation.disturbances import Friction, Noise, Payload
 from eladapt.simulation.many import simulate_many
 from eladapt.simulation.plants import PinocchioPlant
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FAULTS",
+    "Braking",
     "CompositeController",
     "CompositeLaw",
     "ControllerState",

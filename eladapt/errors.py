@@ -147,6 +147,10 @@ class BookkeepingWarning(EladaptWarning):
     """Something beside the control of a moving robot failed, as a checkpoint; the robot is controlled on."""
 
 
+class BrakesWarning(EladaptWarning):
+    """Brakes that are not there, or that did not stop a robot."""
+
+
 class GoalWarning(EladaptWarning):
     """A goal that no arm may reach, and that was changed."""
 

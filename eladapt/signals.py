@@ -54,6 +54,16 @@ class Fault(NamedTuple):
         return f"{self.name} at t = {self.t:.4f} s: {self.message}"
 
 
+class Braking(NamedTuple):
+    """When a torque gate asked for the brakes, and why."""
+
+    t: float  # [s] by the robot's clock, as far as it is known
+    reason: str
+
+    def __str__(self) -> str:
+        return f"brakes asked for at t = {self.t:.4f} s: {self.reason}"
+
+
 class Regression(NamedTuple):
     """Filtered linear regression ``y = omega @ theta`` (NLRPE), (LREq)."""
 

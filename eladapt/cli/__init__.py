@@ -1,7 +1,8 @@
 """The command ``eladapt``: what an engineer asks first, without writing a script.
 
 Every error is one line on stderr that starts with ``error:``, and an exit code other than 0: 1 for what is
-wrong with a robot, a file or a run, 2 for what is wrong with the command itself.
+wrong with a robot, a file or a run, 2 for what is wrong with the command itself. A run that a fault of the
+torque gate ended is no error: it is written and summed up, and exits with 3.
 """
 
 from __future__ import annotations
@@ -100,7 +101,9 @@ def _parser() -> _Parser:
 
     run = command(
         "run", running.run, "move an arm in simulation, and keep what happened",
-        "eladapt run panda --goal 0.7 -0.1 0.4 -1.7 0.5 2.1 1.4 --payload 2 --plant mujoco --view",
+        "eladapt run panda --goal 0.7 -0.1 0.4 -1.7 0.5 2.1 1.4 --payload 2 --plant mujoco --view\n\n"
+        "exit code: 0, or 3 when a fault of the torque gate ended the run (it is kept all the same), 1 or 2\n"
+        "when something is wrong with the robot, the run or the command.",
     )  # fmt: skip
     _robot(run)
     run.add_argument("--goal", type=_numbers, nargs="+", metavar="X",

@@ -28,11 +28,12 @@ from eladapt.simulation.run import simulate
 from eladapt.theory.certificates import certify
 
 SHORTEST, REST = 4.0, 1.5  # [s] of a run whose duration is not given: at least, and after the planned move
+FAULTY = 3  # the exit code of a run that the torque gate ended
 NEAR = 0.5  # [rad] from home, where a robot has no goal of its own
 
 
-def run(options: argparse.Namespace) -> None:
-    """Simulate, print how it went, and write record, plot and report."""
+def run(options: argparse.Namespace) -> int:
+    """Simulate, print how it went, and write record, plot and report; returns the exit code."""
     robot = find(options)
     goal = _posture(robot, "--goal", options.goal, _own_goal(robot))
     start = _posture(robot, "--start", options.start, robot.home)
@@ -83,6 +84,7 @@ def run(options: argparse.Namespace) -> None:
         from eladapt.viewing.viewer import view
 
         view(record).wait()
+    return FAULTY if record.faults else 0
 
 
 def report(options: argparse.Namespace) -> None:

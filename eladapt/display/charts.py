@@ -10,7 +10,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool, Legend, LegendItem, Range1d, Span
 from bokeh.plotting import figure
 
-from eladapt.display.curves import ARRIVED, COLOURS, SMALLEST, reduced
+from eladapt.display.curves import ARRIVED, COLOURS, FAULT_COLOUR, SMALLEST, felt, reduced
 from eladapt.records.record import Record
 
 DASHES: tuple[Any, ...] = ("solid", (10, 3), (8, 2, 2, 2), (3, 2), (12, 2, 2, 2, 2, 2))
@@ -21,7 +21,7 @@ Chart = figure
 
 
 def motion(record: Record) -> list[Any]:
-    """Errors on both axes, velocities, torques and their limits."""
+    """Errors on both axes, velocities, torques, their limits, and torque from outside where it was felt."""
     names, t, x = record.joint_names, record.t, _time(record)
     settled = record.settling_time(ARRIVED)
     arrived = t[0] < settled < np.inf
@@ -48,7 +48,11 @@ def motion(record: Record) -> list[Any]:
         for limit in (-1, 1):
             level(share, limit, "#222222", "dashed")
         charts.append(share)
-    return charts
+    if record.external is not None and felt(record):
+        external = chart("torque from outside, as felt", "τ [N m]", x)
+        lines(external, t, record.external, names)
+        charts.append(external)
+    return _marked(charts, record)
 
 
 def learning(record: Record) -> list[Any]:
@@ -92,7 +96,7 @@ def learning(record: Record) -> list[Any]:
         lines(mass, record.carried[:, 0], record.carried[:, 1:2], ["mass"])
         mass.y_range = Range1d(*_load_range(record))
         charts.append(mass)
-    return charts
+    return _marked(charts, record)
 
 
 def comparison(records: Sequence[Record], labels: Sequence[str]) -> list[Any]:
@@ -168,6 +172,16 @@ def level(into: Any, at: float, colour: str, dash: str) -> None:
         into.add_layout(
             Span(location=float(at), dimension="width", line_color=colour, line_dash=dash, line_width=0.8)
         )
+
+
+def _marked(charts: list[Any], record: Record) -> list[Any]:
+    """The charts with a line at each of a gate's faults, which the title of the first one names."""
+    for fault in record.faults or ():
+        for drawn in charts:
+            drawn.add_layout(Span(location=fault.t, dimension="height", line_color=FAULT_COLOUR))
+        if charts:
+            charts[0].title.text += f"; red: fault {fault.name} at {fault.t:.3g} s"
+    return charts
 
 
 def bounds_of(record: Record) -> np.ndarray | None:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from eladapt.display.curves import ARRIVED, COLOURS, SMALLEST, reduced
+from eladapt.display.curves import ARRIVED, COLOURS, FAULT_COLOUR, SMALLEST, felt, reduced
 from eladapt.errors import ArgumentError
 from eladapt.files import atomic_write
 from eladapt.records.record import Record
@@ -47,10 +47,11 @@ def plot(
 
     path: ends in .png, .pdf or .svg. labels: a heading for each record, instead of its title.
     Panels: positions where the goal moves, with the goal dashed; errors on a linear and a logarithmic axis
-    (arrival in finite time is a vertical drop); velocities and torques with those limits that are near;
-    estimates of gravity with the true values dashed, and their errors; Delta and the gates zeta where the
-    law has them, and otherwise how much of gravity is known, direction by direction. Estimates are in N m
-    with the default, scaled regressors, and in the unit of the basis otherwise.
+    (arrival in finite time is a vertical drop); velocities and torques with those limits that are near; the
+    torque from outside, where one was felt; estimates of gravity with the true values dashed, and their
+    errors; Delta and the gates zeta where the law has them, and otherwise how much of gravity is known,
+    direction by direction. A gate's fault is a red line through all of them. Estimates are in N m with the
+    default, scaled regressors, and in the unit of the basis otherwise.
     Raises ArgumentError for another suffix, and for labels that are not one a record.
     """
     several = (records,) if isinstance(records, Record) else tuple(records)
@@ -117,11 +118,13 @@ def _panels(records: Iterable[Record]) -> list[_Panel]:
     records = list(records)
     moving = any(record.goal_velocity is not None for record in records)
     panels = [
-        _Panel("position error", "rad", lambda axes, record: _curves(axes, record.t, record.error)),
+        _Panel("position error", "rad", _errors, _faults),
         _Panel("size of the position error", "rad", _arrival),
         _Panel("velocity, goal dashed" if moving else "velocity", "rad/s", _velocities, _speed_limits),
         _Panel("torque", "N m", lambda axes, record: _curves(axes, record.t, record.tau), _torque_limits),
     ]
+    if any(map(felt, records)):
+        panels.append(_Panel("torque from outside", "N m", _external))
     if moving and all(map(_has_angles, records)):
         panels.insert(0, _Panel("position, goal dashed", "rad", _positions))
     if any(record.theta.shape[1] for record in records):
@@ -142,14 +145,38 @@ def _has_angles(record: Record) -> bool:
 
 
 def _draw(row: Sequence[Axes], panel: _Panel, records: Sequence[Record]) -> None:
+    ends = [(record.t[0], max(record.t[-1], record.t[0] + record.dt)) for record in records]
+    first, last = min(end[0] for end in ends), max(end[1] for end in ends)
     for axes, record in zip(row, records, strict=True):
-        axes.set(title=panel.title, ylabel=f"[{panel.unit}]")
-        axes.set_xlim(record.t[0], max(record.t[-1], record.t[0] + record.dt))
+        axes.set(title=panel.title, ylabel=f"[{panel.unit}]", xlim=(first, last))
         panel.draw(axes, record)
+        for fault in record.faults or ():
+            axes.axvline(fault.t, color=FAULT_COLOUR, linewidth=1.0)
     if panel.mark is not None:
         row[0].set_ylim(*row[0].get_ylim())
         for axes, record in zip(row, records, strict=True):
             panel.mark(axes, record)
+
+
+def _errors(axes: Axes, record: Record) -> None:
+    _curves(axes, record.t, record.error)
+
+
+def _faults(axes: Axes, record: Record) -> None:
+    """The names of a gate's faults, beside the lines that mark them."""
+    for fault in record.faults or ():
+        late = fault.t > (record.t[0] + record.t[-1]) / 2
+        axes.annotate(
+            f" {fault.name}, {fault.t:.3g} s ", (fault.t, 1.0), xycoords=("data", "axes fraction"),
+            fontsize=8, color=FAULT_COLOUR, ha="right" if late else "left", va="top",
+        ).set_in_layout(False)  # fmt: skip
+
+
+def _external(axes: Axes, record: Record) -> None:
+    if record.external is None:
+        _nothing(axes)
+    else:
+        _curves(axes, record.t, record.external)
 
 
 def _positions(axes: Axes, record: Record) -> None:

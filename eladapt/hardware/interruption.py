@@ -17,8 +17,9 @@ class Interruption:
     """Notes `ASKING` signals from entry to exit, in the main thread; elsewhere Python hears none.
 
     The first signal is noted, for the loop to end in order, or raises KeyboardInterrupt inside `impatient`. A
-    second one raises it where the loop may hang. It is raised once at most, and never after `settle`; so what
-    a ``finally`` does after `settle` runs to its end. A signal that is ignored (as ``nohup`` does) stays so.
+    second one raises it where the loop may hang. It is raised once at most, and after `settle` only inside
+    `unimportant`; so what a ``finally`` does after `settle` runs to its end. A signal that is ignored (as
+    ``nohup`` does) stays so.
     """
 
     def __init__(self) -> None:
@@ -50,6 +51,15 @@ class Interruption:
     def settle(self) -> None:
         """From here on nothing is raised."""
         self._settled = True
+
+    @contextlib.contextmanager
+    def unimportant(self) -> Iterator[None]:
+        """Inside, after `settle`, the next signal raises: for a call that may hang and need not be made."""
+        self._settled, self._raises_from = False, 1
+        try:
+            yield
+        finally:
+            self.settle()
 
     @property
     def ending(self) -> signal.Signals | None:

@@ -5,14 +5,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eladapt.errors import ArgumentError, EladaptError, LoopError, LoopTerminated, require_number
+from eladapt.errors import (
+    ArgumentError,
+    BrakesWarning,
+    EladaptError,
+    LoopError,
+    LoopTerminated,
+    require_number,
+)
 from eladapt.hardware.bookkeeping import Bookkeeping
 from eladapt.hardware.interruption import Interruption
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
@@ -26,6 +35,8 @@ from eladapt.robot.protocols import BareController, Goal, GoalCourse
 from eladapt.signals import Measurement, Reference
 
 GAP = 1.0  # [s] between two runs whose clocks have nothing to do with each other: filters start afresh
+MOVING = 0.02  # of its speed limit: a joint that is faster does not rest; noise and encoders make less
+UNLIMITED = 2.0  # [rad/s] the speed limit of a joint that has none
 WARM_UP = 20  # steps before the robot starts: they import, allocate and compile
 
 
@@ -42,7 +53,10 @@ class RobotInterface(Protocol):
         """Command a torque (nv,) [N m], held until the next one."""
 
     def stop(self) -> None:
-        """Bring the robot to rest by its own means; called once, however the loop ends."""
+        """Bring the robot to rest by its own means, its brakes; called once, however the loop ends.
+
+        It returns when the robot rests, and may leave `read` without an answer.
+        """
 
 
 class LoopResult(NamedTuple):
@@ -54,6 +68,7 @@ class LoopResult(NamedTuple):
     ended: str  # "duration", "fault" or "interrupted"
     fault: Any = None  # the gate's, if there is one
     unkept: tuple[str, ...] = ()  # what failed in keeping samples and checkpoints, one text each
+    unstopped: str = ""  # which joint still moved when `stop` had returned, and how fast; "": none was seen
 
 
 def run_loop(
@@ -76,15 +91,18 @@ def run_loop(
 
     goal: q_d (nq,), a `Reference`, or a callable of the time since the start [s], by the robot's clock, that
     returns either. state: of an earlier run, to go on with what it had learned, also if the robot's clock was
-    set since; None begins afresh. When a gate latches a fault, its fallback goes on for ``after_fault`` [s],
-    or ends at once where the gate wants the brakes: `stop` is to close them.
+    set since; None begins afresh. When a gate latches a fault, its fallback holds the arm for ``after_fault``
+    [s] more, and then the loop ends; in the very tick in which the gate asks for the brakes (``state.brake``)
+    it ends at once, since `stop` is what closes them.
     checkpoint: a file to which the state is saved every ``every`` [s] and at the end, for `load_state`; a
     write takes a millisecond or two. It is tried before the robot starts; a write that fails later is warned
     of, once, and the loop goes on. priority: see `undisturbed`. shaped: whether the goal becomes a
     reference within ``limits`` (None: `MotionLimits.for_robot`), so that a set-point that jumps makes the arm
     move smoothly, see `Shaped`; the state is that of the controller inside.
 
-    The interface's `stop` is called however the loop ends, and no signal cuts it short. Ctrl-C ends the loop
+    The interface's `stop` is called however the loop ends, and no signal cuts it short. Then the loop reads
+    once more, as far as the interface still answers: a joint that moves on is named in ``unstopped``, in the
+    LoopError if there is one, and in a BrakesWarning. Ctrl-C ends the loop
     as the end of ``duration`` does; a second one, where `read` or `write` hangs, at once. So do SIGTERM and
     SIGHUP, after which the process ends: `LoopTerminated`, a SystemExit that carries the record, is raised,
     or the handler called that was there before. (This is so in the main thread, the only one that signals
@@ -110,6 +128,7 @@ def run_loop(
     with Interruption() as interruption:
         with undisturbed(priority):
             ended, cause = _driven(loop, state, after_fault, interruption)
+        unstopped = _unstopped(loop, interruption)
         books.save(loop.state)
         timing, record = loop.pacer.timing(), books.record()
         if interruption.signals and ended == "duration":
@@ -118,7 +137,8 @@ def run_loop(
     ending = interruption.ending
     if cause is not None:
         done = f"{timing.ticks} of {steps} steps{f' and {ending.name}' if ending else ''}"
-        message = f"the loop ended after {done}: {type(cause).__name__}: {cause}"
+        moves = f"; {unstopped}" if unstopped else ""
+        message = f"the loop ended after {done}: {type(cause).__name__}: {cause}{moves}"
         raise LoopError(message, record, loop.state, timing) from cause
     if ending is not None:
         raise LoopTerminated(ending, record, loop.state, timing)
@@ -126,7 +146,7 @@ def run_loop(
         message = books.failures.get("record", "the loop was interrupted before its first step")
         raise LoopError(message, None, loop.state, timing)
     fault, unkept = getattr(loop.state, "fault", None), tuple(books.failures.values())
-    return LoopResult(record, loop.state, timing, ended, fault, unkept)
+    return LoopResult(record, loop.state, timing, ended, fault, unkept, unstopped)
 
 
 class _Loop:
@@ -225,6 +245,26 @@ def _driven(
     except Exception as reason:
         return "failure", reason
     return ended, None
+
+
+def _unstopped(loop: _Loop, interruption: Interruption) -> str:
+    """Which joint moves although the robot was told to stop, and how fast; "" if none is seen to."""
+    if not loop.pacer.ticks:
+        return ""
+    try:
+        with interruption.unimportant():
+            _, _, v, _ = loop.robot.check_measurement(loop.interface.read())
+    except (Exception, KeyboardInterrupt):  # a robot that has stopped need not answer
+        return ""
+    limit = np.where(np.isfinite(loop.robot.velocity_limit), loop.robot.velocity_limit, UNLIMITED)
+    share = np.abs(v) / limit
+    i = int(share.argmax())
+    if share[i] <= MOVING:
+        return ""
+    said = f"stop returned while {loop.robot.joint_names[i]!r} moves at {v[i]:.3g} rad/s"
+    with contextlib.suppress(Warning):  # where warnings are errors, too
+        warnings.warn(f"{said}; do its brakes close?", BrakesWarning, stacklevel=3)
+    return said
 
 
 def _require_reachable(robot: Robot, goal: GoalCourse) -> None:

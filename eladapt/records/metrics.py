@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.signals import Fault
+from eladapt.signals import Braking, Fault
 
 RESOLVED = 1e-6  # [rad or m] beyond the end of a range: no arm's sensor tells less from the end itself
 NOT_RECORDED = "not recorded"
@@ -34,6 +34,7 @@ class Metrics(NamedTuple):
     speed: Extreme  # [-] largest |v_i| as a part of the joint's limit
     beyond: Extreme | None  # [rad or m] furthest beyond a joint's range, negative inside; None: not recorded
     faults: tuple[Fault, ...] | None  # that a gate latched; None: not recorded
+    brakes: tuple[Braking, ...] = ()  # that it asked for
 
     @property
     def speed_said(self) -> str:
@@ -58,10 +59,14 @@ class Metrics(NamedTuple):
 
     @property
     def faults_said(self) -> str:
-        """The gate's faults in words."""
+        """The gate's faults in words, and when and why it asked for the brakes."""
         if self.faults is None:
             return NOT_RECORDED
-        return "; ".join(map(str, self.faults)) or "none"
+        said = "; ".join(map(str, self.faults)) or "none"
+        for braking in self.brakes:  # a reason is not said twice
+            known = braking.reason in said
+            said += f"; brakes asked for at t = {braking.t:.4f} s" if known else f"; {braking}"
+        return said
 
 
 def largest_speed(

@@ -15,7 +15,7 @@ from eladapt.errors import ArgumentError, RecordError, require_number
 from eladapt.files import atomic_write
 from eladapt.records.archive import read_archive, reading
 from eladapt.records.metrics import Extreme, Metrics, chatter, furthest_beyond, largest_speed, settled
-from eladapt.signals import Fault
+from eladapt.signals import Braking, Fault
 
 FORMAT = 2
 # Of the arrays in memory; above that, times the file's size. Those of moves take three times what it has.
@@ -42,7 +42,7 @@ class Record:
     arm at the end; where a load came or went, parameters_true_course has it sample by sample. The gravity
     parameters theta are the last ``n_potential`` ones. ``configuration`` says what made the record:
     controller, robot and versions, in plain JSON types. What is None was not there: a goal that stood still
-    has no velocity, only some laws have Delta and zeta, and only a gate has faults.
+    has no velocity, only some laws have Delta and zeta, and only a gate has faults and asks for brakes.
     """
 
     t: np.ndarray  # (N,) [s]
@@ -77,6 +77,7 @@ class Record:
     upper: np.ndarray | None = None  # (nv,) inf where there is none
     q_index: np.ndarray | None = None  # (nv,) where a joint's coordinate stands in q
     faults: tuple[Fault, ...] | None = None  # that a gate latched, in their order
+    brakes: tuple[Braking, ...] | None = None  # when it asked for them, and why
     final_state: Any = None  # the controller's last; not saved
 
     def __len__(self) -> int:
@@ -149,6 +150,7 @@ class Record:
             speed=largest_speed(self.t, self.v, self.velocity_limit, self.dt, self.joint_names),
             beyond=self._beyond(),
             faults=self.faults,
+            brakes=self.brakes or (),
         )
 
     def _beyond(self) -> Extreme | None:
@@ -198,6 +200,8 @@ class Record:
                 header[name] = tuple(header[name])
             if header.get("faults") is not None:
                 header["faults"] = tuple(_fault(*fault) for fault in header["faults"])
+            if header.get("brakes") is not None:
+                header["brakes"] = tuple(_braking(*braking) for braking in header["brakes"])
             fields: dict[str, Any] = {**dict.fromkeys(OPTIONAL_ARRAYS), **arrays}
             record = cls(**fields, **header, final_state=None)
             record._require_consistent()
@@ -236,6 +240,13 @@ def _fault(name: object, t: object, message: object) -> Fault:
     if not (isinstance(name, str) and isinstance(message, str)):
         raise ValueError(f"faults: expected texts, got {name!r} and {message!r}")
     return Fault(name, require_number("faults", t, -np.inf), message)
+
+
+def _braking(t: object, reason: object) -> Braking:
+    """A time at which brakes were asked for, as it was written. Raises ValueError for what is none."""
+    if not isinstance(reason, str):
+        raise ValueError(f"brakes: expected a text, got {reason!r}")
+    return Braking(require_number("brakes", t, -np.inf), reason)
 
 
 def _require_shape(name: str, array: np.ndarray, letters: Sequence[str], sizes: dict[str, int]) -> None:

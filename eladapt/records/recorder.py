@@ -29,8 +29,8 @@ from eladapt.errors import ArgumentError, UnknownNameError
 from eladapt.records.description import describe, describe_plant, versions
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.robot.protocols import BareController, Rubbing, recorded_by, truth_of
-from eladapt.signals import Fault, Reference
+from eladapt.robot.protocols import BareController, Rubbing, gate_of, recorded_by, truth_of
+from eladapt.signals import Braking, Fault, Reference
 
 SAMPLED = (
     "parameters",
@@ -66,6 +66,8 @@ class Recorder:
         self._state: Any = None
         self._kept: list[tuple[float, Any]] = []  # states that are reviewed afterwards
         self._faults: list[Fault] | None = None  # None: there is no gate
+        self._brakes: list[Braking] = []
+        self._braked = False  # at the last sample
 
     def add(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: Reference, state: Any
@@ -73,6 +75,7 @@ class Recorder:
         """One sample: t [s], q (nq,), v and tau (nv,), the goal, and the controller's state after it."""
         sample = self._sample(t, q, v, tau, goal, state)
         self._state = state
+        self._brake(t, state)
         if not self._kept or t - self._kept[-1][0] >= REVIEW_PERIOD - self.dt / 2:
             self._kept.append((t, state))
         self._make_room(sample)
@@ -102,6 +105,14 @@ class Recorder:
         if fault is not None and fault not in self._faults[-1:]:
             self._faults.append(fault)
 
+    def _brake(self, t: float, state: Any) -> None:
+        """The first sample at which a gate wants the brakes, until it does not any more."""
+        wanted = bool(getattr(state, "brake", False))
+        if wanted and not self._braked:
+            hold = getattr(gate_of(state), "hold", None)
+            self._brakes.append(Braking(t, getattr(hold, "reason", "") or "not said"))
+        self._braked = wanted
+
     def _make_room(self, sample: Mapping[str, Any]) -> None:
         for name, value in sample.items():
             if name not in self._columns:
@@ -124,7 +135,8 @@ class Recorder:
             final_state=self._state, effort_limit=self.robot.effort_limit,
             velocity_limit=self.robot.velocity_limit, lower=self.robot.lower, upper=self.robot.upper,
             q_index=np.array(list(self.robot.model.idx_qs)[1:]), dt=self.dt,
-            faults=None if self._faults is None else tuple(self._faults), joint_names=self.robot.joint_names,
+            faults=None if self._faults is None else tuple(self._faults),
+            brakes=None if self._faults is None else tuple(self._brakes), joint_names=self.robot.joint_names,
             parameter_labels=self._labels(size), robot_source=self.robot.source,
             title=self.title or self.robot.name,
             configuration={

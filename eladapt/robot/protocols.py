@@ -124,6 +124,13 @@ def recorded_by(controller: BareController) -> Recorded:
     return controller if isinstance(controller, Recorded) else Unrecorded()
 
 
+def gate_of(state: Any) -> Any:
+    """The state of the torque gate in a controller's state; None where there is none."""
+    while not hasattr(state, "gate") and hasattr(state, "inner"):
+        state = state.inner
+    return getattr(state, "gate", None)
+
+
 class Plant(Protocol):
     """A robot that is simulated: the same face for every simulator. q, v: the true state."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -9,10 +10,10 @@ import numpy as np
 from tqdm import tqdm
 
 from eladapt.compiling import prepare
-from eladapt.errors import EladaptError, SimulationError, printable, require_number
+from eladapt.errors import BrakesWarning, EladaptError, SimulationError, printable, require_number
 from eladapt.records.record import Record
 from eladapt.records.recorder import Recorder
-from eladapt.robot.protocols import BareController, GoalCourse, Plant, handed_on
+from eladapt.robot.protocols import BareController, GoalCourse, Plant, gate_of, handed_on
 
 Observer = Callable[[float, np.ndarray, np.ndarray, Any], object]  # t [s], q, q_d, the controller's state
 
@@ -36,7 +37,8 @@ def simulate(
     choice to the controller. progress: a bar on stderr, where that is a terminal. The record has
     round(duration / dt) + 1 samples, the first at t = 0; its tau is what the controller commanded at that
     sample. observer: called with (t, q, q_d, state) after each step of
-    the controller, as a live view is. Raises SimulationError, with the record so far, when controller, plant
+    the controller, as a live view is. Where the controller may ask for brakes and the plant has none, a
+    BrakesWarning says so at the start. Raises SimulationError, with the record so far, when controller, plant
     or goal fail on the way.
     """
     dt = require_number("dt", dt, 0)
@@ -48,6 +50,13 @@ def simulate(
     recorder = Recorder(robot, controller, dt, steps + 1, title, plant)
     measurement = plant.reset()
     state = controller.init(measurement, *given)
+    unbraked = _without_brakes(plant)
+    if unbraked is not None and _may_brake(state):
+        said = (
+            f"{type(unbraked).__name__} of {robot.name!r} has no brakes: expected a method brake() that "
+            "closes them, as PinocchioPlant has; without it the arm moves on when the gate asks for them"
+        )
+        warnings.warn(said, BrakesWarning, stacklevel=2)
     quiet = None if progress else True  # None: where there is no terminal
     bar = tqdm(range(steps + 1), desc=printable(title or robot.name), unit="step", disable=quiet, leave=False)
     try:
@@ -57,7 +66,7 @@ def simulate(
             recorder.add(measurement.t, plant.q, plant.v, tau, reference, state)
             if observer is not None:
                 observer(measurement.t, np.array(plant.q), reference.q, state)
-            if getattr(state, "brake", False):
+            if unbraked is None and getattr(state, "brake", False):
                 plant.brake()
             if k < steps:
                 measurement = plant.step(tau, dt)
@@ -67,3 +76,17 @@ def simulate(
         message = f"the run ended after {recorder.count} of {steps + 1} samples: {reason}"
         raise SimulationError(message, recorder.record()) from reason
     return recorder.record()
+
+
+def _may_brake(state: Any) -> bool:
+    """Whether a controller with such a state may ask for brakes; `ShapedState` only hands on who does."""
+    return gate_of(state) is not None or (hasattr(state, "brake") and not hasattr(state, "inner"))
+
+
+def _without_brakes(plant: Any) -> Any:
+    """The plant, or the one that it stands around, that has no brakes; None if all have."""
+    while callable(getattr(plant, "brake", None)):
+        plant = getattr(plant, "plant", None)
+        if plant is None:
+            return None
+    return plant

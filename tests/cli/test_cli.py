@@ -169,6 +169,19 @@ def test_check_takes_the_path_of_a_urdf(capsys):
     assert "gains exist at 500 Hz" in capsys.readouterr().out
 
 
+def test_a_run_that_a_fault_ended_exits_with_3_and_is_kept(tmp_path, monkeypatch, capsys):
+    """A load that no motor holds: the fault and the brakes are said, and --help says the code."""
+    monkeypatch.chdir(tmp_path)
+    line = "run two_link --payload 300 --attach 0.5 --duration 1.5 --no-certificates"
+    assert main(line.split()) == 3
+    said = capsys.readouterr().out
+    assert re.search(r"fault: [a-z ]+ at t = \d\.\d+ s: .*; brakes asked for at t = \d\.\d+ s", said)
+    assert ea.Record.load("out/two_link.npz").faults
+    with pytest.raises(SystemExit):
+        main(["run", "--help"])
+    assert "3 when a fault of the torque gate ended the run" in capsys.readouterr().out
+
+
 def test_run_and_report_leave_what_they_say(tmp_path, monkeypatch, capsys):
     """A load that nobody told of, on MuJoCo: record, plot and report, and the estimate in words."""
     monkeypatch.chdir(tmp_path)
@@ -198,7 +211,7 @@ def test_a_run_says_what_became_of_the_limits(tmp_path, monkeypatch, capsys):
     """Behind the gate a fault, its kind and when; with --jump no gate, and a speed beyond the limit."""
     monkeypatch.chdir(tmp_path)
     line = "run asr_twodof --duration 0.2 --no-certificates "
-    assert main((line + "--noise 0.1").split()) == 0
+    assert main((line + "--noise 0.1").split()) == 3
     said = capsys.readouterr().out
     assert re.search(r"\nfault: jump at t = 0\.0\d+ s: no trusted measurement", said)
     assert ea.Record.load("out/asr_twodof.npz").faults[0].name == "jump"

@@ -73,6 +73,40 @@ def test_the_settling_time_is_marked(record_of):
     assert any(set(line.get_xdata()) == {record.settling_time()} for line in lines)
 
 
+def test_torque_from_outside_has_a_panel_where_it_was_felt(record_of):
+    """Its curves are the record's; what is small beside the arm's own torque is noise and has none."""
+    record = record_of("two_link")
+    pushed = dataclasses.replace(record, external=0.5 * record.tau[::-1])
+    noisy = dataclasses.replace(record, external=0.01 * record.tau[::-1])
+    drawn = panels(ea.plot(pushed))["torque from outside"].lines
+    for line, column in zip(drawn, pushed.external.T, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), column)
+    for quiet in (record, noisy):
+        assert "torque from outside" not in panels(ea.plot(quiet))
+    beside = [axes for axes in ea.plot([pushed, record]).axes if axes.texts]
+    assert "not recorded" in {text.get_text() for axes in beside for text in axes.texts}
+
+
+def test_a_fault_is_a_line_through_all_panels_with_its_name_at_the_first(record_of):
+    """In the record that has it; the axes stay those of the runs."""
+    record = record_of("two_link")
+    faulty = dataclasses.replace(record, faults=(ea.Fault("velocity", 0.25, "too fast"),))
+    for axes in ea.plot(faulty).axes:
+        assert any(set(line.get_xdata()) == {0.25} for line in axes.lines)
+    first = panels(ea.plot(faulty))["position error"]
+    assert [text.get_text().strip() for text in first.texts] == ["velocity, 0.25 s"]
+    whole = ea.plot([faulty, record]).axes
+    for with_it, without in zip(whole[::2], whole[1::2], strict=True):
+        assert len(with_it.lines) == len(without.lines) + 1
+
+
+def test_records_of_different_lengths_are_drawn_whole(record_of):
+    """In either order."""
+    short, long = record_of("two_link", 0.5), record_of("two_link", 1.0)
+    for pair in ([short, long], [long, short]):
+        assert {axes.get_xlim() for axes in ea.plot(pair).axes} == {(0.0, 1.0)}
+
+
 def test_limits_are_drawn_when_the_torque_comes_near(record_of):
     near = record_of("two_link", effort_limit=np.array([1.0, np.inf]))
     far = record_of("two_link", effort_limit=np.array([1e4, np.inf]))

@@ -120,6 +120,21 @@ def test_torques_are_drawn_against_their_limits(record_of):
     assert share.y_range.end > 1
 
 
+def test_torque_from_outside_and_faults_are_on_the_page(record_of):
+    """The former as curves where it was felt, the latter as lines in all charts, named in the first title."""
+    plain = record_of("two_link")
+    made = ea.Record(**{**vars(plain), "external": 0.5 * plain.tau[::-1],
+                        "faults": (ea.Fault("velocity", 0.25, "too fast"),)})  # fmt: skip
+    motion, learning = charts.motion(made), charts.learning(made)
+    outside = next(chart for chart in motion if "outside" in chart.title.text)
+    for name, column in zip(made.joint_names, made.external.T, strict=True):
+        np.testing.assert_allclose(lines_of(outside)[name][1], column, rtol=1e-6, atol=1e-9)
+    for chart in (*motion, *learning):
+        assert 0.25 in [span.location for span in chart.center if hasattr(span, "location")]
+    assert motion[0].title.text == "position error; red: fault velocity at 0.25 s"
+    assert not any("outside" in chart.title.text for chart in charts.motion(plain))
+
+
 def test_a_load_has_a_chart():
     titles = [chart.title.text for chart in charts.learning(loaded())]
     assert "load, as estimated" in titles

@@ -36,6 +36,9 @@ class Robot:
 
     def stop(self):
         self.stopped = True
+        self.plant.brake()
+        while np.abs(self.plant.v).max() > 1e-9:
+            self.measurement = self.plant.step(self.measurement.tau, DT)
 
 
 def made():

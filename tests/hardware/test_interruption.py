@@ -49,6 +49,9 @@ class Signalled:
         self._came("stop")
         if self.fails:
             raise OSError("the brakes do not answer")
+        self.plant.brake()
+        while np.abs(self.plant.v).max() > 1e-9:
+            self.measurement = self.plant.step(self.measurement.tau, DT)
         self.stopped = True
 
 
@@ -114,6 +117,15 @@ def test_a_second_signal_ends_a_call_that_hangs():
     assert result.ended == "interrupted"
     assert interface.counts["write"] == len(result.record) == 19
     assert interface.stopped
+
+
+def test_a_read_that_hangs_after_the_stop_is_cut():
+    """Tick 201 reads first; the signal during the read after the stop raises there, and nothing is lost."""
+    interface, run = made({("write", 20): (INT,), ("read", 22): (INT,)})
+    result = run()
+    assert interface.counts == {"start": 1, "read": 22, "write": 20, "stop": 1}
+    assert interface.stopped
+    assert (result.ended, len(result.record), result.unstopped) == ("interrupted", 20, "")
 
 
 @pytest.mark.parametrize(("number", "error"), [(INT, LoopError), (TERM, LoopTerminated)])

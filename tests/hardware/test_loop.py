@@ -3,15 +3,17 @@
 import dataclasses
 import gc
 import multiprocessing
+import re
 import socket
 import time
+import warnings
 
 import numpy as np
 import pytest
 from shared import load
 
 import eladapt as ea
-from eladapt.errors import ArgumentError, HardwareError, LoopError, StateError
+from eladapt.errors import ArgumentError, BrakesWarning, HardwareError, LoopError, StateError
 from eladapt.gains.extremes import effort, extremes
 from eladapt.hardware.timing import Pacer, undisturbed
 from eladapt.hardware.udp import MOST_PACKETS, STATE, TORQUE, Packet, serve
@@ -45,6 +47,9 @@ class Simulated:
 
     def stop(self):
         self._note("stop")
+        self.plant.brake()
+        while np.abs(self.plant.v).max() > 1e-9:
+            self.measurement = self.plant.step(self.measurement.tau, self.dt)
 
 
 def made(name="two_link", **limits):
@@ -65,8 +70,8 @@ def test_the_loop_regulates_at_its_rate_and_stops_the_robot():
     assert result.fault is None
     ticks = result.timing.ticks
     assert interface.calls[:2] == ["start", "read"]
-    assert interface.calls[2:-1] == ["read", "write"] * ticks
-    assert interface.calls[-1] == "stop"
+    assert interface.calls[2:] == [*["read", "write"] * ticks, "stop", "read"]
+    assert result.unstopped == ""
     assert len(result.record) == ticks
     assert ticks + result.timing.missed == pytest.approx(400, abs=1)
     assert took > 1.9, "the loop did not wait"
@@ -82,7 +87,7 @@ def test_a_robot_that_fails_leaves_the_record_and_is_stopped(fails, at):
     with pytest.raises(LoopError, match=rf"after 30 of 200 steps: OSError: {fails} failed") as caught:
         ea.run_loop(controller, interface, goal, 1.0, DT)
     assert interface.calls.count("stop") == 1
-    assert interface.calls[-1] == "stop"
+    assert interface.calls[-2:] == ["stop", "read"]
     assert len(caught.value.record) == 30
     assert np.isfinite(caught.value.record.tau).all()
     # a command that failed belongs to a step that was made
@@ -123,23 +128,50 @@ def test_the_keyboard_ends_the_loop_in_order():
     result = ea.run_loop(controller, interface, goal, 5.0, DT)
     assert result.ended == "interrupted"
     assert len(result.record) == 20
-    assert interface.calls[-1] == "stop"
+    assert interface.calls[-1] == "stop", "it is read once more, and interrupted again"
 
 
-def test_a_fault_is_held_for_a_while_and_ends_the_loop():
-    """A goal that is none: the arm is held, and every sample kept, until the loop ends."""
+class Unbraked(Simulated):
+    """A robot whose stop does nothing."""
+
+    def stop(self):
+        self._note("stop")
+
+
+def test_a_stop_that_returns_while_the_arm_moves_is_said():
+    """In the midst of a move: by joint and speed, in the result, in an error and in a warning; brakes that
+    close in time leave nothing to say."""
     _, controller, plant, goal = made()
-    result = ea.run_loop(
-        controller, Simulated(plant), lambda t: goal if t < 0.2 else None, 5.0, DT, after_fault=0.1
-    )
-    assert result.ended == "fault"
-    assert result.fault.name == "goal"
-    assert not result.state.brake
-    assert result.record.t[-1] == pytest.approx(result.fault.t + 0.1, abs=2 * DT)
+    said = r"stop returned while '(shoulder|elbow)' moves at -?[\d.]+ rad/s"
+    with pytest.warns(BrakesWarning, match=said):
+        result = ea.run_loop(controller, Unbraked(plant), goal, 0.3, DT)
+    assert re.fullmatch(said, result.unstopped)
+    with pytest.warns(BrakesWarning), pytest.raises(LoopError, match=f"OSError: write failed; {said}"):
+        ea.run_loop(controller, Unbraked(plant, "write", 60), goal, 1.0, DT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", BrakesWarning)
+        assert ea.run_loop(controller, Simulated(plant), goal, 0.3, DT).unstopped == ""
 
 
-def test_when_brakes_are_wanted_the_robot_is_stopped_in_that_tick():
-    """Sensors that fail for good: every sample up to the fault is kept, bad ones as nan, and none after."""
+@pytest.mark.parametrize("answer", [OSError("closed"), KeyboardInterrupt(), None, "broken"])
+def test_a_robot_that_has_stopped_need_not_answer(answer):
+    """Whatever it raises or returns then, the result is as it was."""
+    _, controller, plant, goal = made()
+
+    class Gone(Simulated):
+        def read(self):
+            if "stop" not in self.calls:
+                return super().read()
+            if isinstance(answer, BaseException):
+                raise answer
+            return answer
+
+    result = ea.run_loop(controller, Gone(plant), goal, 0.3, DT)
+    assert (result.ended, result.unstopped) == ("duration", "")
+
+
+def test_a_gate_that_asks_for_brakes_ends_the_loop_in_that_tick():
+    """Sensors that fail for good: all samples until then are kept, bad ones as nan; stop follows at once."""
     _, controller, plant, goal = made()
 
     class Blind(Simulated):
@@ -147,8 +179,10 @@ def test_when_brakes_are_wanted_the_robot_is_stopped_in_that_tick():
             m = super().read()
             return m._replace(q=m.q * np.nan) if m.t > 0.2 + DT / 2 else m
 
-    result = ea.run_loop(controller, Blind(plant), goal, 5.0, DT, after_fault=0.1)
-    assert result.ended == "fault"
+    interface = Blind(plant)
+    result = ea.run_loop(controller, interface, goal, 5.0, DT, after_fault=1.0)
+    assert (result.ended, result.state.brake) == ("fault", True)
+    assert interface.calls[-3:] == ["write", "stop", "read"]
     assert result.fault.name == "measurement"
     assert result.record.faults == (result.fault,)
     t, late = result.record.t, result.record.t > 0.2 + DT / 2
@@ -157,8 +191,19 @@ def test_when_brakes_are_wanted_the_robot_is_stopped_in_that_tick():
     assert np.isnan(result.record.q[late]).all()
     assert np.isnan(result.record.error[late]).all()
     assert np.isfinite(result.record.tau).all()
-    assert result.state.brake
-    assert t[-1] == pytest.approx(result.fault.t, abs=2 * DT)
+    assert result.record.brakes[0].t == pytest.approx(t[-1])
+    assert t[-1] == pytest.approx(result.fault.t, abs=DT / 2)
+
+
+def test_a_fault_that_torque_can_hold_is_held_for_a_while():
+    """A goal that is none: the fallback goes on for ``after_fault``, and no brakes are asked for."""
+    _, controller, plant, goal = made()
+    result = ea.run_loop(
+        controller, Simulated(plant), lambda t: goal if t < 0.2 else goal * np.nan, 5.0, DT, after_fault=0.1
+    )
+    assert (result.ended, result.fault.name, result.state.brake) == ("fault", "goal", False)
+    assert result.record.brakes == ()
+    assert result.record.t[-1] == pytest.approx(result.fault.t + 0.1, abs=2 * DT)
 
 
 def test_a_goal_may_be_a_reference_that_moves():

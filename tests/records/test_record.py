@@ -12,6 +12,7 @@ from eladapt.errors import ArgumentError, RecordError
 from eladapt.records.metrics import chatter
 from eladapt.records.recorder import Recorder
 from eladapt.signals import Reference
+from eladapt.simulation.faults import LostNumbers
 
 
 @pytest.fixture(scope="module")
@@ -200,6 +201,35 @@ def test_every_fault_of_a_run_is_kept():
     assert [fault.t for fault in recorder.record().faults] == pytest.approx([0.011, 0.025])
 
 
+@pytest.mark.parametrize("shaped", [False, True])
+def test_when_brakes_were_asked_for_and_why_is_recorded(shaped, tmp_path):
+    """Sensors that fail for good: once, with the fallback's reason, also after saving."""
+    robot = load("two_link")
+    q = robot.configuration(robot.home)
+    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot))
+    record = ea.simulate(
+        ea.Shaped(controller) if shaped else controller, LostNumbers(ea.PinocchioPlant(robot, q), 0.05), q,
+        0.2, progress=False,
+    )  # fmt: skip
+    (braking,) = record.brakes
+    assert braking == (pytest.approx(0.05 + controller.gate.max_age, abs=2e-3), braking.reason)
+    assert "no trusted measurement for" in braking.reason
+    metrics = ea.Record.load(record.save(tmp_path / "run.npz")).metrics()
+    assert metrics.brakes == record.brakes
+    assert f"; brakes asked for at t = {braking.t:.4f} s" in metrics.faults_said
+    assert metrics.faults_said.count(braking.reason) == 1, "a reason is said once"
+
+
+def test_brakes_that_are_not_brakes_are_refused(record, tmp_path):
+    path = dataclasses.replace(record, brakes=(ea.Braking(0.1, "why"),)).save(tmp_path / "run.npz")
+    with np.load(path) as file:
+        header, arrays = json.loads(str(file["header"])), {n: file[n] for n in file.files if n != "header"}
+    for given in ([["soon", "why"]], [[0.1, 2]], [[0.1]]):
+        np.savez_compressed(path, header=np.array(json.dumps({**header, "brakes": given})), **arrays)
+        with pytest.raises(RecordError):
+            ea.Record.load(path)
+
+
 def test_without_a_gate_and_in_older_records_no_fault_is_recorded(record, tmp_path):
     """Nor are the ranges in older ones; all else is there."""
     assert record.faults is None
@@ -212,10 +242,10 @@ def test_without_a_gate_and_in_older_records_no_fault_is_recorded(record, tmp_pa
     path = watched.save(tmp_path / "run.npz")
     with np.load(path) as file:
         header, arrays = json.loads(str(file["header"])), {n: file[n] for n in file.files if n != "header"}
-    del header["faults"], arrays["lower"], arrays["upper"], arrays["q_index"]
+    del header["faults"], header["brakes"], arrays["lower"], arrays["upper"], arrays["q_index"]
     np.savez_compressed(path, header=np.array(json.dumps(header)), **arrays)
     old = ea.Record.load(path)
-    assert old.metrics()[:-2] == watched.metrics()[:-2]
+    assert old.metrics()[:-3] == watched.metrics()[:-3]
     assert old.metrics().range_said == "not recorded"
     assert old.metrics().faults_said == "not recorded"
 
