@@ -306,7 +306,7 @@ class CompositeController:
         arrived = bool(np.array_equal(e2, v) and np.abs(e1).max() < ARRIVED)
         still = bool(np.abs(v).max() < STILL)
         outside = moved @ state.parameters - tau
-        contact = self.touch.step(state.contact, outside, q, arrived, still, dt)
+        contact = self.touch.step(state.contact, outside, q, state.parameters, arrived, still, dt)
         return state._replace(contact=contact), moved
 
     def _untaught(

@@ -76,10 +76,11 @@ class ContactDetector:
         return ContactState(none, none, none, 0.0, -1.0, False, 0.0)
 
     def step(
-        self, state: ContactState, outside: np.ndarray, q: np.ndarray, arrived: bool, still: bool, dt: float
-    ) -> ContactState:
-        """A step of dt [s]: the external torque over it (nv,) [N m], the posture q (nq,), whether the arm is
-        at a goal that rests, and whether it stands still there."""
+        self, state: ContactState, outside: np.ndarray, q: np.ndarray, theta: np.ndarray, arrived: bool,
+        still: bool, dt: float,
+    ) -> ContactState:  # fmt: skip
+        """A step of dt [s]: the external torque over it (nv,) [N m], the posture q (nq,), the estimate theta
+        (l,), whether the arm is at a goal that rests, and whether it stands still there."""
         external = state.external - np.expm1(-dt / self.memory) * (outside - state.external)
         state = state._replace(external=external)
         if state.since < 0:
@@ -88,28 +89,30 @@ class ContactDetector:
         if not state.touching:
             if since < self.patience:
                 return state._replace(since=since)
-            touching = self.unlike_a_load(external - state.usual, q, state.scatter)
+            touching = self.unlike_a_load(external - state.usual, q, state.scatter, self._carried(theta))
             return state._replace(since=since if touching else -1.0, touching=touching, rested=0.0, gone=0.0)
         gone = state.gone + dt if np.all(np.abs(external - state.usual) < self._nothing(state)) else 0.0
         over = gone > QUIET or since > self.longest
         return state._replace(since=-1.0 if over else since, touching=not over, gone=gone)
 
-    def unlike_a_load(self, came: np.ndarray, q: np.ndarray, scatter: np.ndarray) -> bool:
+    def unlike_a_load(
+        self, came: np.ndarray, q: np.ndarray, scatter: np.ndarray, carried: float = 0.0
+    ) -> bool:
         """Whether no mass near the tool explains an external torque (nv,) [N m] in a posture q (nq,), given
-        the mean square (nv,) of its errors."""
+        the mean square (nv,) of its errors; of what it carries [kg] the arm may have lost some."""
         if len(came) < LEAST_JOINTS:
             return False
         weighed = -self.regressors.gravity(q) @ self._load / self.effort[:, None]
         felt = came / self.effort
         pull = weighed[:, 0]
-        mass = max(0.0, float(pull @ felt) / max(float(pull @ pull), np.finfo(float).tiny))
-        near = weighed[:, 1:] * (REACH * mass)
+        mass = max(-carried, float(pull @ felt) / max(float(pull @ pull), np.finfo(float).tiny))
+        near = weighed[:, 1:] * (REACH * abs(mass))
         unit = self.misfit * float(np.linalg.norm(felt)) / np.sqrt(len(felt))
         prior = np.concatenate([near, unit * np.eye(3)])  # the centre of mass is about that near
         left = felt - pull * mass
         columns = np.column_stack([np.concatenate([pull, np.zeros(3)]), prior])
         more = np.linalg.lstsq(columns, np.concatenate([left, np.zeros(3)]), rcond=None)[0]
-        missed = left - pull * max(more[0], -mass) - near @ more[1:]
+        missed = left - pull * max(more[0], -carried - mass) - near @ more[1:]
         noise = float(np.linalg.norm(np.sqrt(scatter) / self.effort))
         return float(np.linalg.norm(missed)) > self.misfit * float(np.linalg.norm(felt)) + MISSED * noise
 
@@ -131,6 +134,11 @@ class ContactDetector:
     def _nothing(self, state: ContactState) -> np.ndarray:
         """(nv,) [N m] below which nothing is new."""
         return np.maximum(self.least * self.effort, DEVIATIONS * np.sqrt(state.scatter))
+
+    def _carried(self, theta: np.ndarray) -> float:
+        """[kg] by how much the tool is heavier than in the URDF."""
+        more = (theta - self.regressors.theta)[len(theta) - self.regressors.n_potential :]
+        return max(0.0, float(np.linalg.lstsq(self._load, more, rcond=None)[0][0]))
 
     @functools.cached_property
     def _load(self) -> np.ndarray:

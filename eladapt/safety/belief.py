@@ -39,7 +39,7 @@ MEMORY = 0.02  # [s] over which position and velocity are compared
 CONTRADICTION = 0.2  # of the way, by which they may differ
 LIVELY_MEMORY, LIVELY = 0.15, 0.45  # [s]; share of samples at rest that turn back, of white noise two thirds
 SAME = 20  # samples in a row that do not
-SMALLEST = 1e-9  # [rad, rad/s] a change that is noise and not the tail of a filter
+SMALLEST = 1e-8  # [rad, rad/s] a change that is noise and not the tail of something
 
 
 class BeliefState(NamedTuple):
@@ -109,7 +109,7 @@ def sensed(
         found[3, i] = lively[i]
         if abs(v[i]) < still[i]:
             found[3, i] += share * ((1.0 if back else 0.0) - lively[i])
-        found[4, i] = 0.0 if moves or changes else same[i] + 1.0
+        found[4, i] = same[i] + 1.0 if moved[i] == 0.0 and faster == 0.0 else 0.0
     return found
 
 

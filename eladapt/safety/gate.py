@@ -113,10 +113,10 @@ class TorqueGate:
     def for_robot(cls, robot: Robot, dt: float = 1e-3, **given: Any) -> TorqueGate:
         """Limits from the URDF; those ``given`` by name are kept.
 
-        effort: the URDF's, or max(3 max|g|, 20 max M) where it sets none. torque_rate: all of it in 10 ms, or
-        ten steps of dt, and no more than the maker allows. velocity: 1.1 times the URDF's, 1 for what a noisy
-        sensor adds. max_age: 20 ms, or five steps. fallback: `Fallback.for_robot` with a horizon of 10 ms, or
-        three steps. belief: `Belief.for_robot`. Raises UnknownNameError for a name that is no limit.
+        effort: the URDF's, or max(3 max|g|, 20 max M) where it sets none. torque_rate: all of it in 10 ms,
+        or ten steps of dt, and no more than the maker allows. velocity: 1.1 times the URDF's, 1 for what a
+        noisy sensor adds. max_age: 20 ms, or five steps. fallback: with a horizon of 10 ms, or three steps.
+        belief: `Belief.for_robot`. Raises UnknownNameError for a name that is no limit.
         """
         dt = require_number("dt", dt, 0)
         legal = [name for name in cls.__dataclass_fields__ if name != "robot"]
@@ -139,7 +139,7 @@ class TorqueGate:
         reversing = np.asarray(limits["effort"]) / np.asarray(limits["torque_rate"])
         horizon = np.maximum(max(0.01, 10 * dt), np.minimum(reversing, LONGEST_HORIZON))
         barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 4 * horizon), horizon=horizon)
-        fallback = Fallback.for_robot(robot, limit, largest, max(0.01, 3 * dt))
+        fallback = Fallback(robot, limit, np.asarray(limits["torque_rate"]), max(0.01, 3 * dt))
         belief = Belief.for_robot(robot, limit, velocity)
         return cls(robot, **{"barrier": barrier, "fallback": fallback, "belief": belief, **limits})
 
@@ -228,8 +228,7 @@ class TorqueGate:
             hold, tau = fallback.held(hold, state.q, state.v, gravity, state.tau, dt)
         if hold.braking is not None:
             hold, tau = fallback.fading(hold, dt)
-            return state._replace(hold=hold, tau=tau), tau
-        tau = self.limited(state, tau if np.isfinite(tau).all() else state.tau, dt)
+        tau = tau if np.isfinite(tau).all() else state.tau
         return state._replace(hold=hold, tau=tau), tau
 
     def _possible(self, before: Reference, goal: Reference) -> Reference:

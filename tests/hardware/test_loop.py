@@ -127,7 +127,19 @@ def test_the_keyboard_ends_the_loop_in_order():
 
 
 def test_a_fault_is_held_for_a_while_and_ends_the_loop():
-    """Sensors that fail for good: every sample up to the fault and after is kept, bad ones as nan."""
+    """A goal that is none: the arm is held, and every sample kept, until the loop ends."""
+    _, controller, plant, goal = made()
+    result = ea.run_loop(
+        controller, Simulated(plant), lambda t: goal if t < 0.2 else None, 5.0, DT, after_fault=0.1
+    )
+    assert result.ended == "fault"
+    assert result.fault.name == "goal"
+    assert not result.state.brake
+    assert result.record.t[-1] == pytest.approx(result.fault.t + 0.1, abs=2 * DT)
+
+
+def test_when_brakes_are_wanted_the_robot_is_stopped_in_that_tick():
+    """Sensors that fail for good: every sample up to the fault is kept, bad ones as nan, and none after."""
     _, controller, plant, goal = made()
 
     class Blind(Simulated):
@@ -145,7 +157,8 @@ def test_a_fault_is_held_for_a_while_and_ends_the_loop():
     assert np.isnan(result.record.q[late]).all()
     assert np.isnan(result.record.error[late]).all()
     assert np.isfinite(result.record.tau).all()
-    assert t[-1] == pytest.approx(result.fault.t + 0.1, abs=2 * DT)
+    assert result.state.brake
+    assert t[-1] == pytest.approx(result.fault.t, abs=2 * DT)
 
 
 def test_a_goal_may_be_a_reference_that_moves():

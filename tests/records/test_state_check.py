@@ -115,10 +115,10 @@ def test_what_a_none_may_become_is_said_by_its_type():
     controller = CONTROLLERS["gated"](load("kinova"))
     robot, state = controller.robot, run(controller, 60, lost=range(20, 60))
     gate = state.gate
-    assert gate.anchor.shape == (robot.nq,) != (robot.nv,)
-    for bad in (gate._replace(anchor=np.zeros(robot.nv)), gate._replace(offset=np.zeros(robot.nq))):
-        with pytest.raises(StateError, match=r"state\.gate\.(anchor|offset): expected an array of float64"):
-            require_state_of(controller, state._replace(gate=bad))
+    assert gate.hold.anchor.shape == (robot.nq,) != (robot.nv,)
+    for bad in (gate.hold._replace(anchor=np.zeros(robot.nv)), gate.hold._replace(offset=np.zeros(robot.nq))):
+        with pytest.raises(StateError, match=r"state\.gate\.hold\.(anchor|offset): expected an array"):
+            require_state_of(controller, state._replace(gate=gate._replace(hold=bad)))
 
 
 def test_a_switch_that_a_file_would_turn_is_refused():

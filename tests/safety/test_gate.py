@@ -94,7 +94,7 @@ BAD = {
     "None": lambda m: None,
     "no time": lambda m: m._replace(t=np.nan),
     "torque": lambda m: m._replace(tau=m.tau * np.nan),
-    "old": lambda m: m._replace(t=m.t - 0.1),
+    "old": lambda m: m._replace(t=0.199),
     "far": lambda m: m._replace(q=m.q + 3.0),
 }
 NAMES = {"old": "watchdog", "far": "jump"}
@@ -230,9 +230,10 @@ def test_guards_name_what_diverges():
     assert fault(push).name == "error growth"
     assert fault(swing).name == "energy growth"
     stuck = {"friction": ea.Friction(coulomb=1e3)}
-    assert fault(
-        lambda k: np.full(2, 1e3), 200, plant_options=stuck, guard=DivergenceGuard(stall=0.1)
-    ).name == ("stall")
+    assert fault(lambda k: np.full(2, 1e3), 200, plant_options=stuck).name == "unresponsive"
+    # so slowly that friction may be what holds it, until all torque is spent
+    creeping = {"plant_options": stuck, "guard": DivergenceGuard(stall=0.1), "effort": 1.0}
+    assert fault(lambda k: np.full(2, 2e-4 * k), 6000, **creeping).name == "stall"
 
 
 def test_the_barrier_keeps_speed_and_range_against_a_controller_that_does_not():
@@ -273,9 +274,17 @@ def test_what_does_not_fit_is_refused():
     gate = ea.TorqueGate.for_robot(robot)
     with pytest.raises(UnknownNameError, match="legal names: effort"):
         ea.TorqueGate.for_robot(robot, efort=1.0)
-    for name, value in (("effort", np.inf), ("P", -1), ("torque_rate", 0), ("lower", np.nan), ("max_age", 0)):
+    for name, value in (
+        ("effort", np.inf), ("torque_rate", 0), ("lower", np.nan), ("max_age", 0), ("contact", -1),
+    ):  # fmt: skip
         with pytest.raises(ArgumentError, match=name):
             dataclasses.replace(gate, **{name: value})
+    for name in ("effort", "torque_rate", "horizon", "slack", "bridging", "closing"):
+        with pytest.raises(ArgumentError, match=name):
+            dataclasses.replace(gate.fallback, **{name: 0.0})
+    for name in ("least", "against", "silent", "rotor", "contradiction", "still"):
+        with pytest.raises(ArgumentError, match=name):
+            dataclasses.replace(gate.belief, **{name: -1.0})
     with pytest.raises(ArgumentError, match="lower < upper"):
         dataclasses.replace(gate, lower=1.0, upper=0.0)
     with pytest.raises(ArgumentError, match="controller's joints"):
