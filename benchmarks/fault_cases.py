@@ -229,7 +229,7 @@ def goals() -> list[Case]:
     def beyond(_t: float) -> np.ndarray:
         return TARGET + 3.0 * only(2)
 
-    outside = {"q0": np.where(only(1), 3.1, HOME)}
+    outside, fast = {"q0": np.where(only(1), 3.1, HOME)}, {"v0": 0.9 * ROBOT.velocity_limit}
     near, far, slow = jumping(0.01, 0.5), jumping(0.01, 3.0), jumping(0.3, 3.0)
     return [
         Case("goal beyond joint 2's limit", 0, nothing, GOAL, goal=beyond),
@@ -243,7 +243,7 @@ def goals() -> list[Case]:
         Case("goals 3 rad apart every 0.3 s", 0, nothing, NOTHING, goal=slow, unsaid=True),
         Case("start 0.2 rad beyond joint 1's limit", 0, nothing, START, arm=outside),
         Case("start at 2 rad/s in joint 1", 0, nothing, NOTHING, arm={"v0": 2.0 * only(1)}),
-        Case("start at 0.9 of all speed limits", 0, nothing, NOTHING, 6.0, arm={"v0": 0.9 * ROBOT.velocity_limit}),
+        Case("start at 0.9 of all speed limits", 0, nothing, NOTHING, 6.0, arm=fast),
     ]  # fmt: skip
 
 
