@@ -104,7 +104,7 @@ def main() -> None:
     recoveries["process killed, resumed from its saved state"] = fault_recoveries.killed()
     pairs = dict(zip(CASES, zip(rows[::2], rows[1::2], strict=True), strict=True))
     missing = sum(any(found is not None and found.missed for found in pair) for pair in pairs.values())
-    columns = ["named", "after [s]", "brakes after [s]", "peak speed of limit", "at rest after [s]"]
+    columns = ["named", "after [s]", "brakes after [s]", "peak speed / limit", "at rest after [s]"]
     head = ["fault", *(f"{engine}: {column}" for engine in BOTH for column in columns), "silent", "remark"]
     text = "\n\n".join(
         [notes(missing), fault_free.section(stretches), fault_recoveries.section(recoveries)]
