@@ -5,10 +5,12 @@ which no torque can be trusted and within 10 ms of passing a speed limit, no joi
 but where the fault itself leaves more, an arm that comes to rest, nothing silent.
 """
 
+import math
+
 import fault_free
 import pytest
 from fault_cases import BOTH, CASES
-from fault_runs import allowed, misses, run
+from fault_runs import PEAK, Outcome, allowed, misses, run
 
 # One of each kind, which all end soon.
 FAST = (
@@ -31,6 +33,26 @@ def kept(name, engine):
 @pytest.mark.parametrize("name", FAST)
 def test_one_of_each_kind_is_named_braked_and_slow_enough(name):
     kept(name, "Pinocchio")
+
+
+@pytest.mark.parametrize(
+    ("changed", "missed"),
+    [
+        ({}, set()),
+        ({"name": "goal"}, {"name"}),
+        ({"after": -0.1}, {"name"}),
+        ({"brakes": 0.061}, {"brakes"}),
+        ({"passed": 0.01, "brakes": 0.021}, {"brakes"}),
+        ({"passed": 0.01, "brakes": 0.02}, set()),
+        ({"peak": PEAK + 0.01}, {"peak"}),
+        ({"rest": math.nan}, {"rest"}),
+        ({"name": "-", "after": math.nan, "brakes": math.nan}, {"name", "brakes", "silent"}),
+    ],
+)
+def test_what_a_gate_misses_is_found(changed, missed):
+    """Each limit by itself, from the outcome of a motor that dies and a gate that does all it owes."""
+    good = Outcome("unresponsive", 0.05, 0.06, math.nan, 0.5, 0.1, False, "", "panda_joint4")
+    assert misses(CASES["motor 4 dead, moving"], good._replace(**changed), PEAK) == missed
 
 
 @pytest.mark.slow
