@@ -13,8 +13,9 @@ demo: .venv/installed  ## the paper's arm: table, plot and animation under out/
 test: .venv/installed  ## all tests but the slow ones, on all cores
 	$(BIN)/python -m pytest -q -n auto -m "not slow"
 
-nightly: .venv/installed  ## 100,000 random inputs to a controller, bare and behind its gate
-	$(BIN)/python -m pytest -q -n auto --hypothesis-profile=nightly tests/test_any_input.py
+nightly: .venv/installed  ## 100,000 random inputs to a controller, and 20,000 ways to break an arm
+	$(BIN)/python -m pytest -q -n auto --hypothesis-profile=nightly tests/test_any_input.py \
+		tests/safety/test_fallback.py
 
 check: .venv/installed  ## lint, format and types
 	$(BIN)/ruff check .

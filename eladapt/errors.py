@@ -147,6 +147,10 @@ class BookkeepingWarning(EladaptWarning):
     """Something beside the control of a moving robot failed, as a checkpoint; the robot is controlled on."""
 
 
+class GoalWarning(EladaptWarning):
+    """A goal that no arm may reach, and that was changed."""
+
+
 class MendedWarning(EladaptWarning):
     """A body of a robot file that was given the nearest physical inertia."""
 

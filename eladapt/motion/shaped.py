@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
@@ -11,7 +12,7 @@ import pinocchio as pin
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
 from eladapt.compiling import SCALAR, VECTOR, VIEW, kernel, prepare
-from eladapt.errors import ArgumentError, require_number
+from eladapt.errors import ArgumentError, GoalWarning, require_number
 from eladapt.motion.limits import MotionLimits
 from eladapt.robot.protocols import Around, BareController, Goal, handed_on
 from eladapt.scratch import Scratch
@@ -61,13 +62,18 @@ def reached(
 
 
 @kernel(VECTOR, VECTOR, VECTOR, VECTOR)
-def come_inside(way: np.ndarray, x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-    """Shorten the way (nv,) to joint coordinates x that are beyond the joint limits, in place."""
+def come_inside(way: np.ndarray, x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> int:
+    """Shorten the way (nv,) to joint coordinates x that are beyond the joint limits, in place; the last joint
+    that is, -1 if none."""
+    beyond = -1
     for i in range(len(x)):
         if x[i] > upper[i]:
             way[i] += upper[i] - INSIDE - x[i]
+            beyond = i
         elif x[i] < lower[i]:
             way[i] += lower[i] + INSIDE - x[i]
+            beyond = i
+    return beyond
 
 
 @kernel(VIEW, VIEW, VECTOR, VECTOR)
@@ -193,7 +199,11 @@ class Shaped(Around):
         """
         model, frame = self.robot.model, self._frame
         way = pin.difference(model, reference.q, goal.q)
-        come_inside(way, pin.difference(model, frame.neutral, goal.q), frame.lower, frame.upper)
+        x = pin.difference(model, frame.neutral, goal.q)
+        if (i := come_inside(way, x, frame.lower, frame.upper)) >= 0:
+            name, low, high = self.robot.joint_names[i], frame.lower[i], frame.upper[i]
+            said = f"goal: {name} is beyond its limits, {low:.4g} to {high:.4g}; taken just inside"
+            warnings.warn(said, GoalWarning, stacklevel=3)
         limits = frame.limits
         if reached(way, *reference[1:], *goal[1:], *limits, dt):
             return Reference(pin.integrate(model, reference.q, way), goal.v, goal.a)

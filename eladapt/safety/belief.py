@@ -33,12 +33,16 @@ from eladapt.safety.guards import Alarm
 SPANS = (3, 15)  # samples of a mean; x and z are between two that follow each other
 MORE = 2  # samples in a row beyond the 2 SPAN that a step of something else spoils
 PUSH, HAND = 24.0, 0.05  # [N] that a person adds or takes at once, at the tool; [m] beside its frame
-OPPOSED = -0.3  # z of x, below which a joint turns against its torque
+OPPOSED = -0.15  # z of x, below which a joint turns against its torque
 DEAF = 0.3  # (z with the rotor) of x, below which it does not answer
 MEMORY = 0.02  # [s] over which position and velocity are compared
 CONTRADICTION = 0.2  # of the way, by which they may differ
 LIVELY_MEMORY, LIVELY = 0.15, 0.45  # [s]; share of samples at rest that turn back, of white noise two thirds
 SAME = 20  # samples in a row that do not
+HALTED, AT_ONCE = (
+    3,
+    5,
+)  # samples in a row of a joint that moved, and that stands in one place from one to the next
 SMALLEST = 1e-8  # [rad, rad/s] a change that is noise and not the tail of something
 
 
@@ -57,6 +61,7 @@ class BeliefState(NamedTuple):
     change: np.ndarray  # [rad/s] of the velocity there
     lively: np.ndarray  # share of samples at rest at which position or velocity turned back
     same: np.ndarray  # samples in a row that were like the one before
+    paced: np.ndarray  # [rad/s] how fast it was when its position changed last
 
 
 @kernel(CUBE, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, COUNTS, SCALAR, SCALAR)
@@ -89,14 +94,14 @@ def runs(
     return found
 
 
-@kernel(*[VECTOR] * 11, SCALAR, SCALAR, SCALAR)
+@kernel(*[VECTOR] * 12, SCALAR, SCALAR, SCALAR)
 def sensed(
     moved: np.ndarray, before: np.ndarray, v: np.ndarray, drift: np.ndarray, way: np.ndarray,
     jitter: np.ndarray, step: np.ndarray, change: np.ndarray, lively: np.ndarray, same: np.ndarray,
-    still: np.ndarray, elapsed: float, memory: float, forgotten: float,
+    paced: np.ndarray, still: np.ndarray, elapsed: float, memory: float, forgotten: float,
 ) -> np.ndarray:  # fmt: skip
-    """(5, nv): drift, way, jitter, lively and same a sample later."""
-    found = np.empty((5, len(v)))
+    """(6, nv): drift, way, jitter, lively, same and paced a sample later."""
+    found = np.empty((6, len(v)))
     keep, share = math.exp(-elapsed / memory), 1.0 - math.exp(-elapsed / forgotten)
     for i in range(len(v)):
         along = 0.5 * (before[i] + v[i]) * elapsed
@@ -110,6 +115,7 @@ def sensed(
         if abs(v[i]) < still[i]:
             found[3, i] += share * ((1.0 if back else 0.0) - lively[i])
         found[4, i] = same[i] + 1.0 if moved[i] == 0.0 and faster == 0.0 else 0.0
+        found[5, i] = abs(v[i]) if moved[i] != 0.0 else paced[i]
     return found
 
 
@@ -120,8 +126,8 @@ class Belief:
     least [N m]: the change over SPAN samples that says something at all. against [N m]: that in a run that
     is opposed; silent [N m]: in one without an answer, which friction alone may cause. rotor [kg m^2]: the
     largest that is believed. contradiction [rad]: by how much a position may leave its velocity's integral
-    beside a share of the way. still [rad/s]: below it a joint rests. Raises ArgumentError for what is not
-    positive.
+    beside a share of the way. still [rad/s]: below it a joint rests; halting: above it none halts between
+    two samples. Raises ArgumentError for what is not positive.
     """
 
     robot: Robot
@@ -131,9 +137,10 @@ class Belief:
     rotor: np.ndarray
     contradiction: np.ndarray
     still: np.ndarray
+    halting: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in ("least", "against", "silent", "rotor", "contradiction", "still"):
+        for name in ("least", "against", "silent", "rotor", "contradiction", "still", "halting"):
             object.__setattr__(self, name, require_gain(name, getattr(self, name), self.robot.nv))
 
     @classmethod
@@ -146,6 +153,7 @@ class Belief:
             robot, 0.01 * effort, np.maximum(0.04 * effort, pushed),
             np.maximum(0.25 * effort + robot.friction, 1.5 * pushed),
             effort / LEAST_ROTOR_ACCELERATION, 1.5e-3 * fastest, 5e-3 * fastest,
+            0.1 * fastest,
         )  # fmt: skip
 
     def init(self) -> BeliefState:
@@ -154,6 +162,7 @@ class Belief:
         return BeliefState(
             rows=np.zeros((3, 2 * max(SPANS), self.robot.nv)), opposed=runs, turned=runs, deaf=runs,
             pushed=runs, drift=none, way=none, jitter=none, step=none, change=none, lively=none, same=none,
+            paced=none,
         )  # fmt: skip
 
     def step(
@@ -173,13 +182,27 @@ class Belief:
         rows[:, :-1] = state.rows[:, 1:]
         rows[0, -1], rows[1, -1], rows[2, -1] = torque, needed, heaviest
         opposed, turned, deaf, pushed = runs(rows, *state[1:5], self.least, np.array(SPANS), OPPOSED, DEAF)
-        drift, way, jitter, lively, same = sensed(
+        state = state._replace(rows=rows, opposed=opposed, turned=turned, deaf=deaf, pushed=pushed)
+        return self._sensed(state, moved, before, v, elapsed)
+
+    def after_gap(
+        self, state: BeliefState, moved: np.ndarray, before: np.ndarray, v: np.ndarray, elapsed: float
+    ) -> BeliefState:
+        """The same where samples are missing in between, so that nobody knows which torque acted."""
+        fresh = self.init()
+        kept = fresh._replace(jitter=state.jitter, lively=state.lively)
+        return self._sensed(kept, moved, before, v, elapsed)
+
+    def _sensed(
+        self, state: BeliefState, moved: np.ndarray, before: np.ndarray, v: np.ndarray, elapsed: float
+    ) -> BeliefState:
+        drift, way, jitter, lively, same, paced = sensed(
             moved, before, v, state.drift, state.way, state.jitter, state.step, state.change, state.lively,
-            state.same, self.still, elapsed, MEMORY, LIVELY_MEMORY,
+            state.same, state.paced, self.still, elapsed, MEMORY, LIVELY_MEMORY,
         )  # fmt: skip
-        return BeliefState(
-            rows, opposed, turned, deaf, pushed, drift, way, jitter, moved, v - before,
-            lively, same,
+        return state._replace(
+            drift=drift, way=way, jitter=jitter, step=moved, change=v - before, lively=lively, same=same,
+            paced=paced,
         )  # fmt: skip
 
     def alarm(self, state: BeliefState) -> Alarm | None:
@@ -204,6 +227,13 @@ class Belief:
             i = int(apart.argmax())
             said = (
                 f"{names[i]!r} is {state.drift[i]:.3g} rad off where its velocity leads within {MEMORY:g} s"
+            )
+            return Alarm("sensor", said)
+        halted = (state.same >= HALTED) & (state.same <= AT_ONCE) & (state.paced > self.halting)
+        if halted.any():
+            i = int(halted.argmax())
+            said = (
+                f"{names[i]!r} moved at {state.paced[i]:.3g} rad/s and stands in one place from one sample on"
             )
             return Alarm("sensor", said)
         dead = (state.same >= SAME) & (state.lively > LIVELY)

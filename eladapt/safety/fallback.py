@@ -116,16 +116,17 @@ class Fallback:
         """The torque (nv,) while brakes close: the last gravity torque, and nothing else."""
         since = hold.braking or 0.0
         left = max(0.0, 1.0 - since / self.closing)
-        return hold._replace(braking=since + dt), np.clip(left * hold.gravity, -self.effort, self.effort)
+        still = left * (hold.gravity + hold.offset)
+        return hold._replace(braking=since + dt), np.clip(still, -self.effort, self.effort)
 
     def _together(self, still: np.ndarray, brake: np.ndarray, sent: np.ndarray, dt: float) -> np.ndarray:
         """still - s brake, and no further from ``sent`` than the torque rate allows, in all joints alike."""
         still = np.clip(still, -self.effort, self.effort)
         room = np.where(brake > 0, self.effort + still, self.effort - still)
-        tau = still - min(1.0, _least(room, np.abs(brake))) * brake
-        return sent + min(1.0, _least(self.torque_rate * dt, np.abs(tau - sent))) * (tau - sent)
+        tau = still - _least(room, np.abs(brake)) * brake
+        return sent + _least(self.torque_rate * dt, np.abs(tau - sent)) * (tau - sent)
 
 
 def _least(room: np.ndarray, needed: np.ndarray) -> float:
-    """The least part of what is needed that there is room for."""
-    return float(np.min(room / np.maximum(needed, np.finfo(float).tiny)))
+    """The least part of what is needed that there is room for, at most all of it."""
+    return float(np.min(np.where(needed > room, room / np.where(needed > 0, needed, 1.0), 1.0)))

@@ -10,6 +10,7 @@ whatever its parameters are, and the spring is another, so damping takes energy 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from eladapt.safety.barrier import Barrier
 from eladapt.safety.belief import Belief, BeliefState
 from eladapt.safety.fallback import Fallback, Hold
 from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
+from eladapt.safety.samples import FASTEST, SampleJudge
 from eladapt.signals import Fault, Measurement, Reference
 
 FAULTS = (
@@ -33,12 +35,10 @@ FAULTS = (
     "torque",
 )  # fmt: skip
 
-BRAKED = ("velocity", "reversed", "unresponsive", "sensor")  # faults after which no torque is trusted to help
 FULL = 0.99  # of the effort limit
 LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
 FAR = 0.1  # [rad or m] beyond its range a joint is not where it is seen, or nowhere to start from
 EDGE = 1e-3  # [rad or m] by which a goal may be beyond
-FASTEST = 1e3  # [rad/s] no arm turns at 10,000 rpm; where the URDF sets no limit, this one holds
 ROUNDING = 1e-9  # of max_age: steps of dt that sum up to it do not exceed it
 
 
@@ -178,8 +178,11 @@ class TorqueGate:
         except (ArgumentError, TypeError, ValueError, OverflowError) as reason:
             doubt: Alarm | None = Alarm("measurement", str(reason))
         else:
-            state, measurement = self._on_clock(state, measurement, dt)
-            doubt = self._doubt(state, measurement, dt)
+            last, age = state.measurement, state.age
+            if back := self._samples.set_back(last, measurement.t + state.clock):
+                state = state._replace(clock=state.clock + back + age + dt)
+            measurement = measurement._replace(t=measurement.t + state.clock)
+            doubt = self._samples.doubt(last, measurement, age, dt, first=state.seen == 0)
         if doubt is None:
             return self._guarded(state, measurement, dt)
         age = state.age + dt
@@ -220,8 +223,8 @@ class TorqueGate:
         """The torque (nv,) after a fault; gravity (nv,): the trusted estimate at ``state.q``."""
         fallback, tau = self.fallback, state.tau
         hold = state.hold or fallback.begin(state.q, state.v, gravity, state.unexplained)
-        if state.fault is not None and state.fault.name in BRAKED:
-            hold = fallback.braked(hold, state.fault.message)
+        if danger := self._danger(state):
+            hold = fallback.braked(hold, danger.message)
         if state.age > self.max_age * (1 + ROUNDING):
             hold = fallback.braked(hold, f"no trusted measurement for {state.age:.3g} s")
         if hold.braking is None and state.age == 0:
@@ -239,40 +242,9 @@ class TorqueGate:
                 require_holdable(self.robot, goal.q, "goal", self.effort)
         return goal
 
-    def _on_clock(
-        self, state: GateState, measurement: Measurement, dt: float
-    ) -> tuple[GateState, Measurement]:
-        """The measurement by the gate's clock: one that was set back by more than is bridged goes on."""
-        t = measurement.t + state.clock
-        back = state.measurement.t - t
-        if back > self.max_age:
-            state = state._replace(clock=state.clock + back + state.age + dt)
-        return state, measurement._replace(t=measurement.t + state.clock)
-
-    def _doubt(self, state: GateState, measurement: Measurement, dt: float) -> Alarm | None:
-        """Why a finite sample is not to be trusted."""
-        last, robot = state.measurement, self.robot
-        elapsed = measurement.t - last.t
-        if elapsed == 0 and state.seen == 0:
-            return None  # the first sample is that of `init`
-        if elapsed <= 0:
-            return Alarm("watchdog", f"its time stamp {measurement.t:.6g} s is not after {last.t:.6g} s")
-        if np.abs(measurement.v).max() > FASTEST:
-            return Alarm("jump", f"a speed of {np.abs(measurement.v).max():.3g} is no arm's")
-        moved = pin.difference(robot.model, last.q, measurement.q)
-        same = not moved.any() and np.array_equal(measurement.v, last.v)
-        if same and np.abs(last.v).max() * (state.age + dt) > self.resolution:
-            i = int(np.argmax(np.abs(last.v)))
-            said = f"{robot.joint_names[i]!r} moves at {last.v[i]:.3g} rad/s and stays in one place"
-            return Alarm("frozen", said)
-        jump = np.abs(moved) - 2 * self.velocity * (elapsed + dt)
-        change = np.abs(measurement.v - last.v) - self.velocity * (1 + elapsed / self.max_age)
-        for what, beyond, unit in (("position", jump, "rad"), ("velocity", change, "rad/s")):
-            i = int(beyond.argmax())
-            if beyond[i] > 0:
-                said = f"the {what} of {robot.joint_names[i]!r} is {beyond[i]:.3g} {unit} out of reach"
-                return Alarm("jump", said)
-        return None
+    @functools.cached_property
+    def _samples(self) -> SampleJudge:
+        return SampleJudge(self.robot, self.velocity, self.max_age, self.resolution)
 
     def _guarded(self, state: GateState, measurement: Measurement, dt: float) -> GateState:
         """The state at a trusted sample, with a fault if it shows one."""
@@ -283,39 +255,45 @@ class TorqueGate:
         guard = self.guard.step(state.guard, error, moved, goal, v, full, dt)
         unexplained, last, belief = state.unexplained, state.measurement, state.belief
         elapsed = measurement.t - last.t
+        moved_by = pin.difference(robot.model, last.q, q)
         if state.age == 0 and 0 < elapsed < 2 * dt:
             needed = robot.inverse_dynamics(q, v, (v - last.v) / elapsed)
-            moved_by = pin.difference(robot.model, last.q, q)
             belief = self.belief.step(belief, moved_by, last.v, v, tau, needed, elapsed)
             if self.barrier:
                 unexplained = self.barrier.unexplained(unexplained, needed - tau, elapsed)
         elif elapsed > 0:
-            belief = self.belief.init()
+            belief = self.belief.after_gap(belief, moved_by, last.v, v, elapsed)
         state = state._replace(
             measurement=measurement, age=0.0, suspicion="", q=q, v=v, guard=guard, unexplained=unexplained,
             belief=belief, seen=state.seen + 1,
         )  # fmt: skip
         if state.fault is not None:
             return state
-        x = robot.coordinates(q)
+        alarm = self._danger(state) or self._beyond(state) or self.guard.alarm(guard, error, robot)
+        return self.latch(state, *alarm) if alarm else state
+
+    def _danger(self, state: GateState) -> Alarm | None:
+        """What says that torque may not help: a joint too fast, or not to be believed."""
+        fast = np.abs(state.v) - self.velocity
+        i = int(fast.argmax())
+        if fast[i] > 0:
+            said = f"{self.robot.joint_names[i]!r} at {state.v[i]:.3g} rad/s, limit {self.velocity[i]:.3g}"
+            return Alarm("velocity", said)
+        return self.belief.alarm(state.belief)
+
+    def _beyond(self, state: GateState) -> Alarm | None:
+        """The joint that is about to leave its range."""
+        x, v = self.robot.coordinates(state.q), state.v
         ahead = x + self.lookahead * v
         beyond = np.where(v > 0, ahead - self.upper, np.where(v < 0, self.lower - ahead, -np.inf))
         i = int(beyond.argmax())
-        if beyond[i] > 0:
-            said = (
-                f"{robot.joint_names[i]!r} at {x[i]:.4g} rad with {v[i]:.3g} rad/s, limits "
-                f"{self.lower[i]:.4g} and {self.upper[i]:.4g}"
-            )
-            return self.latch(state, "joint limit", said)
-        fast = np.abs(v) - self.velocity
-        i = int(fast.argmax())
-        if fast[i] > 0:
-            said = f"{robot.joint_names[i]!r} at {v[i]:.3g} rad/s, limit {self.velocity[i]:.3g}"
-            return self.latch(state, "velocity", said)
-        if (alarm := self.belief.alarm(belief)) is not None:
-            return self.latch(state, *alarm)
-        alarm = self.guard.alarm(guard, error, robot)
-        return self.latch(state, *alarm) if alarm else state
+        if beyond[i] <= 0:
+            return None
+        said = (
+            f"{self.robot.joint_names[i]!r} at {x[i]:.4g} rad with {v[i]:.3g} rad/s, limits "
+            f"{self.lower[i]:.4g} and {self.upper[i]:.4g}"
+        )
+        return Alarm("joint limit", said)
 
 
 def checked_torque(tau: Any, nv: int) -> np.ndarray:
