@@ -150,6 +150,7 @@ def drives() -> list[Case]:
     def blocked(plant: Any, begins: float) -> BlockedJoints:
         return BlockedJoints(plant, ["panda_joint4"], start=begins, end=1.0)
 
+    held = STANDS._replace(brakes=np.inf)  # its drive does what it is told
     turned, gone = TURNS.or_("velocity"), STANDS.or_("velocity", "joint limit")
     return [
         *(Case(f"motor {j} reversed", 0, reversed_motors(j), TURNS) for j in ALL),
@@ -172,7 +173,7 @@ def drives() -> list[Case]:
         Case("torque saturated at 15 %", 0, weak(0.15), PASSES),
         Case("torque 3 ms late", 0, late(3e-3), BEARABLE),
         Case("torque 6 ms late", 0, late(6e-3), BEARABLE),
-        Case("joint 4 blocked for 0.7 s, moving", MOVING, blocked, STANDS, engines=("Pinocchio",)),
+        Case("joint 4 blocked for 0.7 s, moving", MOVING, blocked, held, engines=("Pinocchio",)),
     ]
 
 

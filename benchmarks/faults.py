@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
@@ -93,13 +93,18 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     with ProcessPoolExecutor(parser.parse_args().jobs) as pool:
 
-        def over(function: Callable[[Any], Any], jobs: Iterable[Any], what: str) -> list[Any]:
+        def over(function: Callable[[Any], Any], jobs: Iterable[Any], what: str) -> Iterator[Any]:
             jobs = list(jobs)
-            return list(tqdm(pool.map(function, jobs), total=len(jobs), unit=what, disable=None))
+            return tqdm(pool.map(function, jobs), total=len(jobs), unit=what, disable=None)
 
-        rows = over(row, [(name, engine) for name in CASES for engine in BOTH], "run")
-        recovered = over(fault_recoveries.named, fault_recoveries.NAMES, "run")
-        stretches = over(fault_free.stretch, range(fault_free.STRETCHES), "stretch")
+        jobs = [(name, engine) for name in CASES for engine in BOTH]
+        rows = []
+        for job, found in zip(jobs, over(row, jobs, "run"), strict=True):
+            rows.append(found)
+            if found is not None and found.missed:
+                tqdm.write(f"{', '.join(job)} misses {', '.join(sorted(found.missed))}: {found.outcome}")
+        recovered = list(over(fault_recoveries.named, fault_recoveries.NAMES, "run"))
+        stretches = list(over(fault_free.stretch, range(fault_free.STRETCHES), "stretch"))
     recoveries = dict(zip(fault_recoveries.NAMES, recovered, strict=True))
     recoveries["process killed, resumed from its saved state"] = fault_recoveries.killed()
     pairs = dict(zip(CASES, zip(rows[::2], rows[1::2], strict=True), strict=True))
