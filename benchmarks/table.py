@@ -22,15 +22,20 @@ def machine() -> str:
     )
 
 
-def write(
-    name: str, title: str, head: Sequence[str], rows: Sequence[Sequence[object]], notes: str = ""
-) -> str:
-    """benchmarks/results/NAME.md as a Markdown table; returns its text."""
+def markdown(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """The rows as a Markdown table."""
     cells = [[str(cell) for cell in row] for row in (head, *rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(head))]
     lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |" for row in cells]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
-    text = "\n".join([f"# {title}", "", *lines, ""])
+    return "\n".join([*lines, ""])
+
+
+def write(
+    name: str, title: str, head: Sequence[str], rows: Sequence[Sequence[object]], notes: str = ""
+) -> str:
+    """benchmarks/results/NAME.md as a Markdown table; returns its text."""
+    text = f"# {title}\n\n{markdown(head, rows)}"
     text += (f"\n{notes.strip()}\n" if notes else "") + f"\nMachine: {machine()}.\n"
     with atomic_write(RESULTS / f"{name}.md") as temporary:
         temporary.write_text(text)

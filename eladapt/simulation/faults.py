@@ -1,20 +1,26 @@
 """Faults of sensors, buses, motors and arms, between a plant and a controller; each has a plant's face.
 
-``start`` and ``end`` [s] are by the plant's clock: the fault lasts while start <= t < end.
+``start`` and ``end`` [s] are by the clock of the plant inside: the fault lasts while start <= t < end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+import pinocchio as pin
 
-from eladapt.errors import ArgumentError, require_number
+from eladapt.errors import ArgumentError, require_number, require_vector
 from eladapt.robot.protocols import Plant
+from eladapt.robot.reading import frame_index
 from eladapt.signals import Measurement
-from eladapt.simulation.disturbances import Friction
+from eladapt.simulation.disturbances import ROUNDING, Friction
 from eladapt.simulation.instruments import _Wrapper
 from eladapt.simulation.plants import PinocchioPlant
+
+Reading = Callable[[Measurement, Measurement], Measurement]
+Drive = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Force = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
 class _Fault(_Wrapper):
@@ -24,48 +30,154 @@ class _Fault(_Wrapper):
         super().__init__(plant)
         if not start < end:
             raise ArgumentError(f"start, end: expected start < end, got {start}, {end}")
-        self.start, self.end = start, end
+        self.start, self.end, self._t = start, end, 0.0
 
-    def active(self, t: float) -> bool:
-        """Whether the fault is there at t [s]; half a microsecond of rounding is forgiven."""
-        return self.start <= t + 5e-7 < self.end
+    @property
+    def active(self) -> bool:
+        """Whether the fault is there now."""
+        return self.start <= self._t + ROUNDING < self.end
 
     def reset(self) -> Measurement:
         """The plant's first measurement."""
-        return self.plant.reset()
+        measurement = self.plant.reset()
+        self._t = measurement.t
+        return measurement
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """Hold the torque tau (nv,) for dt [s]."""
-        return self.plant.step(tau, dt)
+        measurement = self.plant.step(tau, dt)
+        self._t = measurement.t
+        return measurement
 
 
-class LostNumbers(_Fault):
-    """Measured positions and velocities are nan; the time stamp and the torque are right."""
+class _Misreading(_Fault):
+    """Abstract: sensors that say something else than what is."""
+
+    def read(self, measurement: Measurement, good: Measurement) -> Measurement:
+        """What is read, of what is and the last measurement before it began, both to be written to."""
+        raise NotImplementedError
+
+    def reset(self) -> Measurement:
+        """The first measurement, as it is read."""
+        self._good = super().reset()
+        return self._read(self._good)
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
-        """A step, of which the sensors say nothing."""
-        measurement = self.plant.step(tau, dt)
-        if not self.active(measurement.t):
-            return measurement
-        return measurement._replace(q=np.full_like(self.q, np.nan), v=np.full_like(self.v, np.nan))
+        """Hold the torque tau (nv,) for dt [s]; the measurement as it is read."""
+        return self._read(super().step(tau, dt))
+
+    def _read(self, measurement: Measurement) -> Measurement:
+        if not self.active:
+            self._good = measurement
+            return measurement.copy()
+        return self.read(measurement.copy(), self._good.copy())
 
 
-class FrozenSensor(_Fault):
+class Misread(_Misreading):
+    """Sensors that say ``change(measurement, good)``, good being the last measurement before it began.
+
+    Both are copies that may be written to. Where it begins with the first measurement, that one is good.
+    """
+
+    def __init__(self, plant: Plant, change: Reading, start: float = 0.0, end: float = np.inf):
+        super().__init__(plant, start, end)
+        self.change = change
+
+    def read(self, measurement: Measurement, good: Measurement) -> Measurement:
+        """What the change makes of it."""
+        return self.change(measurement, good)
+
+
+class LostNumbers(_Misreading):
+    """Measured positions and velocities are nan; the time stamp and the torque are right."""
+
+    def read(self, measurement: Measurement, good: Measurement) -> Measurement:
+        """Nothing."""
+        return measurement._replace(q=np.full_like(good.q, np.nan), v=np.full_like(good.v, np.nan))
+
+
+class FrozenSensor(_Misreading):
     """Positions and velocities stay what they were when it began; time stamps go on."""
 
-    _seen: Measurement | None = None
+    def read(self, measurement: Measurement, good: Measurement) -> Measurement:
+        """What was read last."""
+        return measurement._replace(q=good.q, v=good.v)
+
+
+class Misdriven(_Fault):
+    """Drives that do ``change(tau, good)`` and report tau, which was commanded; both (nv,) [N m].
+
+    good: the last command before it began, or the torque that the plant began with. Both are copies that may
+    be written to.
+    """
+
+    def __init__(self, plant: Plant, change: Drive, start: float = 0.0, end: float = np.inf):
+        super().__init__(plant, start, end)
+        self.change = change
 
     def reset(self) -> Measurement:
         """The plant's first measurement."""
-        self._seen = self.plant.reset()
-        return self._seen.copy()
+        measurement = super().reset()
+        self._good = measurement.tau.copy()
+        return measurement
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
-        """A step, of which the sensors do not tell."""
-        measurement = self.plant.step(tau, dt)
-        if self._seen is None or not self.active(measurement.t):
-            self._seen = measurement
-        return measurement._replace(q=self._seen.q, v=self._seen.v).copy()
+        """Hold what the drives make of the torque tau (nv,) for dt [s]."""
+        if not self.active:
+            self._good = np.array(tau, dtype=float)
+            return super().step(tau, dt)
+        acting = self.change(np.array(tau, dtype=float), self._good.copy())
+        return super().step(acting, dt)._replace(tau=np.array(tau, dtype=float))
+
+
+class Push(_Fault):
+    """A force on a frame, [N] in world axes, of which no measurement tells. It belongs next to the arm.
+
+    force: (3,), or a callable of t [s] and of the frame's position [m] and velocity [m/s], (3,) each, that
+    returns it. frame: the tool if None. ramp [s]: in which it comes from ``start`` on, and goes from ``end``
+    on.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        force: Sequence[float] | np.ndarray | Force,
+        frame: str | None = None,
+        start: float = 0.0,
+        end: float = np.inf,
+        *,
+        ramp: float = 0.0,
+    ):
+        super().__init__(plant, start, end)
+        self.force = force if callable(force) else require_vector("force", force, 3)
+        self.ramp = require_number("ramp", ramp, 0, np.finfo(float).max, closed=True)
+        robot = plant.robot
+        self._frame = frame_index(robot.model, robot.tool if frame is None else frame)
+        self._data = robot.model.createData()
+
+    @property
+    def share(self) -> float:
+        """The part of the force that acts now."""
+        if not self.ramp:
+            return float(self.active)
+        here = min(self._t - self.start, self.end + self.ramp - self._t) / self.ramp
+        return float(np.clip(here, 0, 1))
+
+    def step(self, tau: np.ndarray, dt: float) -> Measurement:
+        """Hold the torque tau (nv,) for dt [s], beside the force as it is when the step begins."""
+        if not (share := self.share):
+            return super().step(tau, dt)
+        measurement = super().step(tau + share * self._torque(), dt)
+        return measurement._replace(tau=np.array(tau, dtype=float))
+
+    def _torque(self) -> np.ndarray:
+        """(nv,) [N m] that the whole force makes."""
+        model, data = self.robot.model, self._data
+        jacobian = pin.computeFrameJacobian(model, data, self.q, self._frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+        if not callable(self.force):
+            return np.array(jacobian.T @ self.force)
+        position = pin.updateFramePlacement(model, data, self._frame).translation.copy()
+        return np.array(jacobian.T @ self.force(self._t, position, jacobian @ self.v))
 
 
 class Packets(_Fault):
@@ -94,18 +206,17 @@ class Packets(_Fault):
     def reset(self) -> Measurement:
         """The plant's first measurement, with the losses from their seed."""
         self._rng = np.random.default_rng(self.seed)
-        self._seen = self.plant.reset()
-        self._held, self._t = self._seen.tau, self._seen.t
+        self._seen = super().reset()
+        self._held = self._seen.tau
         return self._seen.copy()
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """A step with the command that arrived last, and the measurement that arrived last."""
         away, back, twice = self._rng.random(3)
-        active = self.active(self._t)
+        active = self.active
         if not (active and away < self.dropped):
             self._held = np.array(tau, dtype=float)
-        measurement = self.plant.step(self._held, dt)
-        self._t = measurement.t
+        measurement = super().step(self._held, dt)
         if not (active and (back < self.dropped or twice < self.duplicated)):
             self._seen = measurement
         return self._seen.copy()
@@ -132,15 +243,12 @@ class Jitter(_Fault):
     def reset(self) -> Measurement:
         """The plant's first measurement, with the jitter from its seed."""
         self._rng = np.random.default_rng(self.seed)
-        self._t = 0.0
-        return self.plant.reset()
+        return super().reset()
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """Hold the torque for as long as it lasts until the next sample."""
         late = self._rng.uniform(self.least, self.most)
-        measurement = self.plant.step(tau, late if self.active(self._t) else dt)
-        self._t = measurement.t
-        return measurement
+        return super().step(tau, late if self.active else dt)
 
 
 class WeakMotors(_Fault):
@@ -149,14 +257,11 @@ class WeakMotors(_Fault):
     def __init__(self, plant: Plant, share: float, *, start: float = 0.0, end: float = np.inf):
         super().__init__(plant, start, end)
         self.share = require_number("share", share, 0, 1, closed=True)
-        self._t = 0.0
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """Hold what the motors can of the torque."""
         limit = self.share * self.robot.effort_limit
-        measurement = self.plant.step(np.clip(tau, -limit, limit) if self.active(self._t) else tau, dt)
-        self._t = measurement.t
-        return measurement
+        return super().step(np.clip(tau, -limit, limit) if self.active else tau, dt)
 
 
 class BlockedJoints(_Fault):
@@ -180,5 +285,5 @@ class BlockedJoints(_Fault):
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """Hold the torque, against the block while it is there."""
-        self._pinocchio.friction = self._stuck if self.active(self._pinocchio.t) else self._free
-        return self.plant.step(tau, dt)
+        self._pinocchio.friction = self._stuck if self.active else self._free
+        return super().step(tau, dt)

@@ -6,33 +6,11 @@ from shared import load
 
 import eladapt as ea
 from eladapt.safety.belief import Belief
-from eladapt.simulation.instruments import _Wrapper
+from eladapt.simulation.faults import Misdriven, Misread
+from eladapt.simulation.instruments import Encoders
 
 DT, BEGINS = 1e-3, 0.15
 NOISE = ea.Noise(1e-5, 1e-3)
-
-
-class Wrong(_Wrapper):
-    """A plant of which ``sensed`` (a measurement, the last good one) and ``driven`` (a torque) say what is
-    wrong from ``begins`` [s] on; the drive reports what it was told."""
-
-    def __init__(self, plant, sensed=None, driven=None, begins=BEGINS):
-        super().__init__(plant)
-        self.sensed, self.driven, self.begins = sensed, driven, begins
-
-    def reset(self):
-        self.good = self.plant.reset()
-        return self.good
-
-    def step(self, tau, dt):
-        wrong = self.good.t >= self.begins - dt / 2
-        measurement = self.plant.step(self.driven(tau.copy()) if wrong and self.driven else tau, dt)
-        measurement = measurement._replace(tau=tau)
-        if measurement.t < self.begins - dt / 2 or self.sensed is None:
-            self.good = measurement
-            return measurement
-        self.good = self.good._replace(t=measurement.t)
-        return self.sensed(measurement, self.good)
 
 
 def put(vector, i, value):
@@ -50,34 +28,32 @@ def dead(i):
     return lambda m, good: m._replace(q=put(m.q, i, good.q[i]), v=put(m.v, i, 0.0))
 
 
-SENSORS = {
-    "reversed": lambda i: {"sensed": turned(i)},
-    "velocity reversed": lambda i: {"sensed": lambda m, good: m._replace(v=put(m.v, i, -m.v[i]))},
-    "velocity dead": lambda i: {"sensed": lambda m, good: m._replace(v=0 * m.v)},
-    "velocity halved": lambda i: {"sensed": lambda m, good: m._replace(v=m.v / 2)},
-    "encoder dead": lambda i: {"sensed": dead(i)},
-    "drive reversed": lambda i: {"driven": lambda tau: put(tau, i, -tau[i])},
+WRONG = {
+    "reversed": lambda i: (Misread, turned(i)),
+    "velocity reversed": lambda i: (Misread, lambda m, good: m._replace(v=put(m.v, i, -m.v[i]))),
+    "velocity dead": lambda i: (Misread, lambda m, good: m._replace(v=0 * m.v)),
+    "velocity halved": lambda i: (Misread, lambda m, good: m._replace(v=m.v / 2)),
+    "encoder dead": lambda i: (Misread, dead(i)),
+    "drive reversed": lambda i: (Misdriven, lambda tau, good: put(tau, i, -tau[i])),
 }
 
 
-def watched(plant_options=None, duration=1.0, jump=True, **wrong):
-    """A record of a Panda's move, behind the gate."""
+def watched(kind, change, duration=1.0, jump=True):
+    """A record of a Panda's move, behind the gate, with something wrong from ``BEGINS`` [s] on."""
     robot = load("panda")
     controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
     controller = controller if jump else ea.Shaped(controller)
-    plant = ea.PinocchioPlant(
-        robot, robot.configuration(robot.home), noise=NOISE, seed=1, **(plant_options or {})
-    )
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home), noise=NOISE, seed=1)
     goal = robot.configuration(robot.target)
-    return ea.simulate(controller, Wrong(plant, **wrong), goal, duration, DT, progress=False)
+    return ea.simulate(controller, kind(plant, change, BEGINS), goal, duration, DT, progress=False)
 
 
 @pytest.mark.parametrize("joint", [0, 3, 6])
-@pytest.mark.parametrize("kind", SENSORS)
-def test_what_is_not_to_be_believed_is_named_before_a_speed_limit_is_passed(kind, joint):
-    """In a move within the limits; and the brakes stop the arm below 1.3 of its speed limits."""
-    record = watched(jump=False, **SENSORS[kind](joint))
-    assert record.final_state.fault.name in ("reversed", "unresponsive", "sensor", "jump")
+@pytest.mark.parametrize("kind", WRONG)
+def test_what_is_not_to_be_believed_is_named_and_braked(kind, joint):
+    """In a move within the limits: no joint is ever faster than 1.3 of its speed limit."""
+    record = watched(*WRONG[kind](joint), jump=False)
+    assert record.final_state.fault.name in ("reversed", "unresponsive", "sensor", "jump", "velocity")
     assert record.final_state.brake
     assert np.all(np.abs(record.v) < 1.3 * load("panda").velocity_limit)
 
@@ -87,7 +63,7 @@ def test_a_dead_encoder_at_rest_is_missed_by_its_noise():
     robot = load("panda")
     controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
     home = robot.configuration(robot.home)
-    plant = Wrong(ea.PinocchioPlant(robot, home, noise=NOISE), sensed=dead(3), begins=0.5)
+    plant = Misread(ea.PinocchioPlant(robot, home, noise=NOISE), dead(3), 0.5)
     record = ea.simulate(controller, plant, home, 0.6, DT, progress=False)
     fault = record.final_state.fault
     assert fault.name == "sensor"
@@ -97,8 +73,6 @@ def test_a_dead_encoder_at_rest_is_missed_by_its_noise():
 
 def test_encoders_that_count_are_not_missed_at_rest():
     """Positions in whole counts stand still at rest, and their velocities decay: no reason for an alarm."""
-    from eladapt.simulation.instruments import Encoders
-
     robot = load("panda")
     controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
     plant = Encoders(ea.PinocchioPlant(robot, robot.configuration(robot.home)))
@@ -127,8 +101,8 @@ def test_what_an_arm_may_have_is_no_reason_for_an_alarm(what):
 
 def test_a_clock_that_is_set_back_is_a_new_time_base():
     """By a second in the middle of a move: the same run as if nothing had been."""
-    moved = watched(duration=2.5, sensed=lambda m, good: m._replace(t=m.t - 1.0))
-    usual = watched(duration=2.5)
+    moved = watched(Misread, lambda m, good: m._replace(t=m.t - 1.0), duration=2.5)
+    usual = watched(Misread, lambda m, good: m, duration=2.5)
     assert moved.final_state.fault is None
     # The sums of steps that make the two clocks round differently.
     np.testing.assert_allclose(moved.q, usual.q, atol=1e-6)
