@@ -43,6 +43,7 @@ HALTED, AT_ONCE = (
     3,
     5,
 )  # samples in a row of a joint that moved, and that stands in one place from one to the next
+BRIDGED = 0.05  # [s] over which the mean of two velocities tells a way
 SMALLEST = 1e-8  # [rad, rad/s] a change that is noise and not the tail of something
 
 
@@ -189,9 +190,8 @@ class Belief:
         self, state: BeliefState, moved: np.ndarray, before: np.ndarray, v: np.ndarray, elapsed: float
     ) -> BeliefState:
         """The same where samples are missing in between, so that nobody knows which torque acted."""
-        fresh = self.init()
-        kept = fresh._replace(jitter=state.jitter, lively=state.lively)
-        return self._sensed(kept, moved, before, v, elapsed)
+        kept = self.init()._replace(jitter=state.jitter, lively=state.lively)
+        return self._sensed(kept, moved, before, v, elapsed) if elapsed < BRIDGED else kept
 
     def _sensed(
         self, state: BeliefState, moved: np.ndarray, before: np.ndarray, v: np.ndarray, elapsed: float

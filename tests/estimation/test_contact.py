@@ -49,10 +49,10 @@ def test_a_contact_is_felt_told_and_not_learned(force):
 
 
 def test_a_load_is_none():
-    """2 kg that come are learned, as they were before anything was told from loads."""
+    """2 kg that come are felt and taken for what they are."""
     _, _, states = held(payload=ea.Payload(2.0, (0, 0, 0.03), attach=COMES))
+    assert states[round(COMES / DT) + 20].contact.acting
     assert not any(state.touching for state in states)
-    assert states[-1].change.noticed == 1
 
 
 def test_when_it_is_gone_learning_goes_on():
@@ -63,11 +63,11 @@ def test_when_it_is_gone_learning_goes_on():
 
 
 def test_a_gate_may_stop_an_arm_that_is_pushed():
-    """A limit of 5 N m on what acts from outside, and a person who pushes with 20 N."""
+    """A limit of 3 N m on what acts from outside, and a person who pushes with 20 N."""
     robot = load("panda")
     q = robot.configuration(robot.target)
     bare = ea.CompositeController.for_robot(robot, DT)
-    controller = ea.GatedController.for_robot(bare, DT, contact=5.0)
+    controller = ea.GatedController.for_robot(bare, DT, contact=3.0)
     plant = ea.PinocchioPlant(robot, q, noise=NOISE)
     measurement = plant.reset()
     state = controller.init(measurement)
