@@ -62,7 +62,7 @@ class ContactDetector:
     memory: float = 0.01
     rest: float = 0.2
     patience: float = 0.04
-    longest: float = 10.0
+    longest: float = 5.0
     misfit: float = 0.08
 
     def __post_init__(self) -> None:
