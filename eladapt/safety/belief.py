@@ -45,7 +45,7 @@ HALTED, AT_ONCE = (
     5,
 )  # samples in a row of a joint that moved, and that stands in one place from one to the next
 BRIDGED = 0.05  # [s] over which the mean of two velocities tells a way
-SHOWN = 2e-14  # [rad/s] that change a position within `SAME` samples, in double precision
+SHOWN = 1e-12  # [rad/s] that change a position within `SAME` samples, in double precision
 SMALLEST = 1e-8  # [rad, rad/s] a change that is noise and not the tail of something
 
 
