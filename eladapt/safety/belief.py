@@ -45,7 +45,6 @@ HALTED, AT_ONCE = (
     5,
 )  # samples in a row of a joint that moved, and that stands in one place from one to the next
 BRIDGED = 0.05  # [s] over which the mean of two velocities tells a way
-SHOWN = 1e-12  # [rad/s] that change a position within `SAME` samples, in double precision
 SMALLEST = 1e-8  # [rad, rad/s] a change that is noise and not the tail of something
 
 
@@ -207,8 +206,8 @@ class Belief:
             state.stirred, state.same, state.paced, self.still, elapsed, MEMORY, LIVELY_MEMORY,
         )  # fmt: skip
         return state._replace(
-            drift=drift, way=way, jitter=jitter, step=moved, change=v - before, lively=lively,
-            stirred=stirred, same=same, paced=paced,
+            drift=drift, way=way, jitter=jitter, step=moved, change=v - before, lively=lively, stirred=stirred,
+            same=same, paced=paced,
         )  # fmt: skip
 
     def alarm(self, state: BeliefState, v: np.ndarray) -> Alarm | None:
@@ -242,8 +241,8 @@ class Belief:
                 f"{names[i]!r} moved at {state.paced[i]:.3g} rad/s and stands in one place from one sample on"
             )
             return Alarm("sensor", said)
-        # One that stands still and says that it moves, by what a position can show, is no measurement.
-        number = (state.stirred > STIRRED) & (np.abs(v) > SHOWN)
+        # One that stands still and says that it moves, by however little, is a number and no measurement.
+        number = (state.stirred > STIRRED) & (v != 0.0)
         dead = (state.same >= SAME) & ((state.lively > LIVELY) | number)
         if dead.any():
             i = int(dead.argmax())
