@@ -38,7 +38,6 @@ DEAF = 0.3  # (z with the rotor) of x, below which it does not answer
 MEMORY = 0.02  # [s] over which position and velocity are compared
 CONTRADICTION = 0.2  # of the way, by which they may differ
 LIVELY_MEMORY, LIVELY = 0.15, 0.45  # [s]; share of samples at rest that turn back, of white noise two thirds
-STIRRED = 0.5  # share of samples at rest that differ from the one before
 SAME = 20  # samples in a row that do not
 HALTED, AT_ONCE = (
     3,
@@ -62,8 +61,7 @@ class BeliefState(NamedTuple):
     step: np.ndarray  # [rad] of the position at the last sample
     change: np.ndarray  # [rad/s] of the velocity there
     lively: np.ndarray  # share of samples at rest at which position or velocity turned back
-    stirred: np.ndarray  # share of samples at rest that were not like the one before
-    same: np.ndarray  # samples in a row that were
+    same: np.ndarray  # samples in a row that were like the one before
     paced: np.ndarray  # [rad/s] how fast it was when its position changed last
 
 
@@ -97,14 +95,14 @@ def runs(
     return found
 
 
-@kernel(*[VECTOR] * 13, SCALAR, SCALAR, SCALAR)
+@kernel(*[VECTOR] * 12, SCALAR, SCALAR, SCALAR)
 def sensed(
     moved: np.ndarray, before: np.ndarray, v: np.ndarray, drift: np.ndarray, way: np.ndarray,
-    jitter: np.ndarray, step: np.ndarray, change: np.ndarray, lively: np.ndarray, stirred: np.ndarray,
-    same: np.ndarray, paced: np.ndarray, still: np.ndarray, elapsed: float, memory: float, forgotten: float,
+    jitter: np.ndarray, step: np.ndarray, change: np.ndarray, lively: np.ndarray, same: np.ndarray,
+    paced: np.ndarray, still: np.ndarray, elapsed: float, memory: float, forgotten: float,
 ) -> np.ndarray:  # fmt: skip
-    """(7, nv): drift, way, jitter, lively, stirred, same and paced a sample later."""
-    found = np.empty((7, len(v)))
+    """(6, nv): drift, way, jitter, lively, same and paced a sample later."""
+    found = np.empty((6, len(v)))
     keep, share = math.exp(-elapsed / memory), 1.0 - math.exp(-elapsed / forgotten)
     for i in range(len(v)):
         along = 0.5 * (before[i] + v[i]) * elapsed
@@ -114,13 +112,11 @@ def sensed(
         faster = v[i] - before[i]
         moves, changes = abs(moved[i]) > SMALLEST, abs(faster) > SMALLEST
         back = (moves and moved[i] * step[i] < 0.0) or (changes and faster * change[i] < 0.0)
-        stands = moved[i] == 0.0 and faster == 0.0
-        found[3, i], found[4, i] = lively[i], stirred[i]
+        found[3, i] = lively[i]
         if abs(v[i]) < still[i]:
             found[3, i] += share * ((1.0 if back else 0.0) - lively[i])
-            found[4, i] += share * ((0.0 if stands else 1.0) - stirred[i])
-        found[5, i] = same[i] + 1.0 if stands else 0.0
-        found[6, i] = abs(v[i]) if moved[i] != 0.0 else paced[i]
+        found[4, i] = same[i] + 1.0 if moved[i] == 0.0 and faster == 0.0 else 0.0
+        found[5, i] = abs(v[i]) if moved[i] != 0.0 else paced[i]
     return found
 
 
@@ -166,8 +162,7 @@ class Belief:
         none, runs = np.zeros(self.robot.nv), np.zeros((len(SPANS), self.robot.nv))
         return BeliefState(
             rows=np.zeros((3, 2 * max(SPANS), self.robot.nv)), opposed=runs, turned=runs, deaf=runs,
-            pushed=runs, drift=none, way=none, jitter=none, step=none, change=none, lively=none, stirred=none,
-            same=none,
+            pushed=runs, drift=none, way=none, jitter=none, step=none, change=none, lively=none, same=none,
             paced=none,
         )  # fmt: skip
 
@@ -195,23 +190,23 @@ class Belief:
         self, state: BeliefState, moved: np.ndarray, before: np.ndarray, v: np.ndarray, elapsed: float
     ) -> BeliefState:
         """The same where samples are missing in between, so that nobody knows which torque acted."""
-        kept = self.init()._replace(jitter=state.jitter, lively=state.lively, stirred=state.stirred)
+        kept = self.init()._replace(jitter=state.jitter, lively=state.lively)
         return self._sensed(kept, moved, before, v, elapsed) if elapsed < BRIDGED else kept
 
     def _sensed(
         self, state: BeliefState, moved: np.ndarray, before: np.ndarray, v: np.ndarray, elapsed: float
     ) -> BeliefState:
-        drift, way, jitter, lively, stirred, same, paced = sensed(
+        drift, way, jitter, lively, same, paced = sensed(
             moved, before, v, state.drift, state.way, state.jitter, state.step, state.change, state.lively,
-            state.stirred, state.same, state.paced, self.still, elapsed, MEMORY, LIVELY_MEMORY,
+            state.same, state.paced, self.still, elapsed, MEMORY, LIVELY_MEMORY,
         )  # fmt: skip
         return state._replace(
-            drift=drift, way=way, jitter=jitter, step=moved, change=v - before, lively=lively, stirred=stirred,
-            same=same, paced=paced,
+            drift=drift, way=way, jitter=jitter, step=moved, change=v - before, lively=lively, same=same,
+            paced=paced,
         )  # fmt: skip
 
-    def alarm(self, state: BeliefState, v: np.ndarray) -> Alarm | None:
-        """The joint that is not to be believed, and why; v (nv,): at the last sample."""
+    def alarm(self, state: BeliefState) -> Alarm | None:
+        """The joint that is not to be believed, and why."""
         names = self.robot.joint_names
         enough = np.array([[2 * span + MORE] for span in SPANS])
         turns = ((state.opposed >= enough) & (state.turned > self.against)).any(axis=0)
@@ -241,9 +236,7 @@ class Belief:
                 f"{names[i]!r} moved at {state.paced[i]:.3g} rad/s and stands in one place from one sample on"
             )
             return Alarm("sensor", said)
-        # One that stands still and says that it moves, by however little, is a number and no measurement.
-        number = (state.stirred > STIRRED) & (v != 0.0)
-        dead = (state.same >= SAME) & ((state.lively > LIVELY) | number)
+        dead = (state.same >= SAME) & (state.lively > LIVELY)
         if dead.any():
             i = int(dead.argmax())
             return Alarm("sensor", f"{names[i]!r} shows no noise any more: is its encoder dead?")

@@ -279,7 +279,7 @@ class TorqueGate:
         if fast[i] > 0:
             said = f"{self.robot.joint_names[i]!r} at {state.v[i]:.3g} rad/s, limit {self.velocity[i]:.3g}"
             return Alarm("velocity", said)
-        return self.belief.alarm(state.belief, state.v)
+        return self.belief.alarm(state.belief)
 
     def _beyond(self, state: GateState) -> Alarm | None:
         """The joint that is about to leave its range."""
