@@ -78,11 +78,15 @@ class Fallback:
         for name in ("horizon", "slack", "bridging", "closing"):
             object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
 
-    def begin(self, q: np.ndarray, v: np.ndarray, gravity: np.ndarray, unexplained: np.ndarray) -> Hold:
+    def begin(
+        self, q: np.ndarray, v: np.ndarray, gravity: np.ndarray, unexplained: np.ndarray, believed: bool
+    ) -> Hold:
         """Held where it is, at q (nq,), v (nv,); gravity (nv,): the estimate there, and what it lacks is what
-        the URDF's model has not explained."""
+        the URDF's model has not explained, if sensors and drives are ``believed``: of a reversed one that is
+        the fault itself."""
         robot, mass = self.robot, self.robot.mass_matrix(q)
-        offset = np.clip(robot.gravity(q) - unexplained - gravity, -self.effort, self.effort)
+        lacked = robot.gravity(q) - unexplained - gravity if believed else np.zeros(robot.nv)
+        offset = np.clip(lacked, -self.effort, self.effort)
         sudden = 0.5 * self.bridging**2 * float(np.sum(self.effort**2 / np.diag(mass)))
         allowed = SHARE * (self.bridging * float(self.effort @ np.abs(v)) + sudden)
         return Hold(q, q, offset, gravity, q, float(0.5 * v @ mass @ v), 0.0, allowed)

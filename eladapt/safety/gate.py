@@ -222,8 +222,9 @@ class TorqueGate:
     def stopped(self, state: GateState, gravity: np.ndarray, dt: float) -> tuple[GateState, np.ndarray]:
         """The torque (nv,) after a fault; gravity (nv,): the trusted estimate at ``state.q``."""
         fallback, tau = self.fallback, state.tau
-        hold = state.hold or fallback.begin(state.q, state.v, gravity, state.unexplained)
-        if danger := self._danger(state):
+        danger = self._danger(state)
+        hold = state.hold or fallback.begin(state.q, state.v, gravity, state.unexplained, danger is None)
+        if danger:
             hold = fallback.braked(hold, danger.message)
         if state.age > self.max_age * (1 + ROUNDING):
             hold = fallback.braked(hold, f"no trusted measurement for {state.age:.3g} s")
