@@ -52,10 +52,10 @@ class DivergenceGuard:
     error_factor, error_margin [rad or m]: an error is out of hand beyond error_factor * asked +
     error_margin. The margin is what a load that comes or goes may cost: 2 kg on a panda cost 0.1 rad. memory
     [s]: in which the asked error fades. growth, growths: a swing that grows by ``growth`` from half-wave to
-    half-wave, ``growths`` times in a row, and above ``least_speed`` [rad/s]. decay, waves, slowest [s]: a
-    swing that keeps more than ``decay`` of itself from half-wave to half-wave, ``waves`` times in a row,
-    above ``least_speed`` and each shorter than ``slowest``, at a goal that rests. stall [s]: at full torque
-    and below ``stall_speed`` [rad/s] for so long.
+    half-wave, ``growths`` times in a row, above ``least_speed`` [rad/s] and each shorter than ``slowest``
+    [s]. decay, waves, slowest [s]: a swing that keeps more than ``decay`` of itself from half-wave to
+    half-wave, ``waves`` times in a row, above ``least_speed`` and each shorter than ``slowest``, at a goal
+    that rests. stall [s]: at full torque and below ``stall_speed`` [rad/s] for so long.
     """
 
     error_factor: float = 1.5
@@ -143,11 +143,10 @@ class DivergenceGuard:
             swing = swing._replace(lasting=np.zeros_like(v))
         if not turned.any():
             return swing._replace(peak=np.maximum(swing.peak, speed))
-        grew = (swing.peak > self.growth * swing.before) & (swing.peak > self.least_speed)
-        # the first half-wave after rest has nothing to be compared with
-        grew &= swing.before > 0
-        lasts = (swing.peak > self.decay * swing.before) & (swing.peak > self.least_speed)
-        lasts &= (swing.length < self.slowest) & (swing.before > 0)
+        # The first half-wave after rest has nothing to be compared with; slow ones are moves there and back.
+        swings = (swing.peak > self.least_speed) & (swing.before > 0) & (swing.length < self.slowest)
+        grew = swings & (swing.peak > self.growth * swing.before)
+        lasts = swings & (swing.peak > self.decay * swing.before)
         return Swing(
             sign=np.where(turned, sign, swing.sign),
             peak=np.where(turned, speed, np.maximum(swing.peak, speed)),
