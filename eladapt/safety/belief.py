@@ -191,7 +191,10 @@ class Belief:
     ) -> BeliefState:
         """The same where samples are missing in between, so that nobody knows which torque acted."""
         kept = self.init()._replace(jitter=state.jitter, lively=state.lively)
-        return self._sensed(kept, moved, before, v, elapsed) if elapsed < BRIDGED else kept
+        if elapsed >= BRIDGED:
+            return kept
+        # A way that was not seen is no noise.
+        return self._sensed(kept, moved, before, v, elapsed)._replace(jitter=state.jitter)
 
     def _sensed(
         self, state: BeliefState, moved: np.ndarray, before: np.ndarray, v: np.ndarray, elapsed: float
