@@ -78,7 +78,7 @@ def test_every_fault_is_named_braked_and_slow_enough(name, engine):
 
 @pytest.mark.slow
 def test_moves_loads_and_pushes_are_no_faults():
-    """Ten minutes of all, half a minute each: no more of the stretches end in an alarm than the table says."""
+    """Ten minutes in all, half a minute each: no more stretches end in an alarm than the table says."""
     with ProcessPoolExecutor() as pool:
         alarms = [found.alarm for found in pool.map(fault_free.stretch, range(fault_free.STRETCHES))]
     assert sum(alarm is not None for alarm in alarms) <= FALSE_ALARMS, alarms
