@@ -215,7 +215,7 @@ class Belief:
         turns = ((state.opposed >= enough) & (state.turned > self.against)).any(axis=0)
         if turns.any():
             i = int(turns.argmax())
-            said = f"{names[i]!r} turns against its torque: is its encoder or its drive reversed?"
+            said = f"{names[i]!r} turns against its torque: encoder or drive reversed, or something stronger?"
             return Alarm("reversed", said)
         deaf = ((state.deaf >= enough) & (state.pushed > self.silent)).any(axis=0)
         if deaf.any():
