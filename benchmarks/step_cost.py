@@ -28,6 +28,7 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
+from eladapt.control.stepping import Sample
 from eladapt.robot import library
 
 DT = 1e-3
@@ -94,7 +95,8 @@ def blocks(controller: ea.CompositeController, now: Situation) -> dict[str, Call
     _, regression = controller.regression.step(state.filters, measurement, DT)
     information = controller.extension.step(state.information, regression, DT)
     theta, j = state.parameters, reg.n_potential
-    moved = reg.torque(q, v, (v - state.measurement.v) / DT)
+    motion = reg.torque(q, v, (v - state.measurement.v) / DT)
+    sample = Sample(measurement, regressor, e1, e2, None)
     return {
         "checks": lambda: (robot.check_measurement(measurement), robot.check_goal(goal)),
         "feed-forward": lambda: reg.slotine_li(q, v, goal.v, goal.a, check=False) @ theta,
@@ -103,8 +105,9 @@ def blocks(controller: ea.CompositeController, now: Situation) -> dict[str, Call
         "law": lambda: controller.mixing.follow(
             law, information, law.descend(theta, regressor, e1, e2, DT), j, DT
         ),
-        "from outside": lambda: controller._felt(state, measurement, e1, e2, DT, False),
-        "disturbance": lambda: controller._unexplained(state, measurement, moved, regressor, e1, e2),
+        "motion": lambda: controller._motion(state, sample, DT),
+        "contact": lambda: controller._contact(state, sample, motion, DT),
+        "disturbance": lambda: controller._disturbance(state, sample, motion, DT),
         "inertia": lambda: (
             robot.mass_matrix(q, check=False),
             controller.joints and controller.joints.inertia(theta, information, state.noise),

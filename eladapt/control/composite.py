@@ -17,11 +17,11 @@ from eladapt.control.learned_joints import LearnedJoints
 from eladapt.control.reports import carried
 from eladapt.control.starting import starting_parameters
 from eladapt.control.state import ControllerState
-from eladapt.control.stepping import checked_step, elapsed
+from eladapt.control.stepping import Sample, checked_step, elapsed
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import ChangeDetector, Snapshot
-from eladapt.estimation.contact import ContactDetector
+from eladapt.estimation.contact import ContactDetector, ContactState
 from eladapt.estimation.extensions import SubspaceLeastSquares
 from eladapt.estimation.mixing import Mixing, Unmixed, spectrum
 from eladapt.estimation.regressions import ForceBalance
@@ -215,7 +215,7 @@ class CompositeController:
             diagonal += self._joint_inertia(self.joints, state)
         if measurement.t != state.measurement.t:
             moving = mass_matrix if reference.v.any() or reference.a.any() else None
-            state = self._advance(state, measurement, regressor, e1, e2, moving, dt)
+            state = self._advance(state, Sample(measurement, regressor, e1, e2, moving), dt)
         feedback = self.control.torque(e1, e2, mass_matrix, dt)
         wanted = feedback + regressor @ state.parameters
         if state.disturbance is not None:
@@ -252,24 +252,17 @@ class CompositeController:
         """(Y, gain) that theta followed at ``state``: for records and theory, made when asked for."""
         return self.mixing.mix(state.information, self.regressors.n_potential)
 
-    def _advance(
-        self, state: ControllerState, measurement: Measurement, regressor: np.ndarray, e1: np.ndarray,
-        e2: np.ndarray, moving: np.ndarray | None, dt: float,
-    ) -> ControllerState:  # fmt: skip
-        """moving: M(q) where the reference moves, None where it stands still."""
+    def _advance(self, state: ControllerState, sample: Sample, dt: float) -> ControllerState:
+        measurement = sample.measurement
         dt, gap = elapsed(state.measurement.t, measurement.t, dt)
-        state, moved = self._felt(state, measurement, e1, e2, dt, gap)
-        if state.contact and state.contact.acting:
-            return self._untaught(state, measurement, moved, regressor, e1, e2, dt)
-        theta = self._descend(state.parameters, regressor, measurement, e1, e2, moving, dt)
         if gap:
-            filters = self.regression.init(measurement)
-            return state._replace(
-                measurement=measurement,
-                parameters=self.law.bounded(theta, state.n_potential),
-                filters=filters,
-                regression=Regression(filters.y, filters.omega),
-            )
+            return self._begun_again(state, sample, dt)
+        motion = self._motion(state, sample, dt)
+        contact = self._contact(state, sample, motion, dt)
+        disturbance = self._disturbance(state, sample, motion, dt)
+        if contact and contact.acting:
+            return self._untaught(state, measurement)._replace(contact=contact, disturbance=disturbance)
+        theta = self._descend(state, sample, dt)
         filters, regression = self.regression.step(state.filters, measurement, dt)
         information = self.extension.step(state.information, regression, dt)
         change, inertia = state.change, state.inertia
@@ -282,84 +275,79 @@ class CompositeController:
                 if self.joints:  # whatever changed, it was not the joints
                     inertia = self._joint_inertia(self.joints, state)
         theta = self.mixing.follow(self.law, information, theta, state.n_potential, dt)
-        noise = state.noise
-        if self.joints:
-            noise = self.joints.noise(noise, regression, theta, dt)
-        disturbance = self._disturbance(state, measurement, moved, regressor, e1, e2, dt)
+        noise = self.joints.noise(state.noise, regression, theta, dt) if self.joints else state.noise
         return ControllerState(
             measurement, self.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
-            information, change, disturbance, noise, state.contact, inertia,
+            information, change, disturbance, noise, contact, inertia,
         )  # fmt: skip
 
-    def _felt(
-        self, state: ControllerState, measurement: Measurement, e1: np.ndarray, e2: np.ndarray, dt: float,
-        gap: bool,
-    ) -> tuple[ControllerState, np.ndarray | None]:  # fmt: skip
-        """The state with what acts from outside over the step, and W(q, v, a) (nv, l) of it; None after a
-        gap."""
-        if gap or not (self.touch or self.disturbance):
-            return state, None
-        _, q, v, tau = measurement
-        moved = self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
-        if self.touch is None or state.contact is None:
-            return state, moved
-        arrived = bool(np.array_equal(e2, v) and np.abs(e1).max() < ARRIVED)
-        still = bool(np.abs(v).max() < STILL)
-        outside = moved @ state.parameters - tau
-        contact = self.touch.step(state.contact, outside, q, state.parameters, arrived, still, dt)
-        return state._replace(contact=contact), moved
+    def _begun_again(self, state: ControllerState, sample: Sample, dt: float) -> ControllerState:
+        """After a gap, in which nobody knows what torque acted."""
+        begun = self._untaught(state, sample.measurement)
+        if state.contact and state.contact.acting:
+            return begun
+        theta = self._descend(state, sample, dt)
+        return begun._replace(parameters=self.law.bounded(theta, state.n_potential))
 
-    def _untaught(
-        self, state: ControllerState, measurement: Measurement, moved: np.ndarray | None,
-        regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, dt: float,
-    ) -> ControllerState:  # fmt: skip
-        """The state of an arm that touches something, or may: it learns nothing."""
+    def _untaught(self, state: ControllerState, measurement: Measurement) -> ControllerState:
+        """What was known, and filters that start afresh at a measurement."""
         filters = self.regression.init(measurement)
-        return state._replace(
-            measurement=measurement,
-            filters=filters,
-            regression=Regression(filters.y, filters.omega),
-            disturbance=self._disturbance(state, measurement, moved, regressor, e1, e2, dt),
-        )
+        regression = Regression(filters.y, filters.omega)
+        return state._replace(measurement=measurement, filters=filters, regression=regression)
+
+    def _motion(self, state: ControllerState, sample: Sample, dt: float) -> np.ndarray | None:
+        """W(q, v, a) (nv, l) of the step, None where nobody asks for it."""
+        if not (self.touch or self.disturbance):
+            return None
+        _, q, v, _ = sample.measurement
+        return self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
+
+    def _contact(
+        self, state: ControllerState, sample: Sample, motion: np.ndarray | None, dt: float
+    ) -> ContactState | None:
+        """What acts from outside, after the step."""
+        if self.touch is None or state.contact is None or motion is None:
+            return state.contact
+        _, q, v, tau = sample.measurement
+        arrived = bool(np.array_equal(sample.e2, v) and np.abs(sample.e1).max() < ARRIVED)
+        still = bool(np.abs(v).max() < STILL)
+        outside = motion @ state.parameters - tau
+        return self.touch.step(state.contact, outside, q, state.parameters, arrived, still, dt)
 
     def _disturbance(
-        self, state: ControllerState, measurement: Measurement, moved: np.ndarray | None,
-        regressor: np.ndarray, e1: np.ndarray, e2: np.ndarray, dt: float,
-    ) -> np.ndarray | None:  # fmt: skip
-        """d after the step."""
-        if self.disturbance is None or state.disturbance is None or moved is None:
+        self, state: ControllerState, sample: Sample, motion: np.ndarray | None, dt: float
+    ) -> np.ndarray | None:
+        """d (nv,) [N m] after the step."""
+        if self.disturbance is None or state.disturbance is None or motion is None:
             return state.disturbance
-        residual, friction = self._unexplained(state, measurement, moved, regressor, e1, e2)
-        still = e2 == measurement.v
-        return self.disturbance.step(state.disturbance, residual, friction, e1, measurement.v, still, dt)
+        residual, friction = self._unexplained(state, sample, motion)
+        v = sample.measurement.v
+        return self.disturbance.step(state.disturbance, residual, friction, sample.e1, v, sample.e2 == v, dt)
 
     def _joint_inertia(self, joints: LearnedJoints, state: ControllerState) -> np.ndarray:
         """(nv,) [kg m^2] what is known of the joints now, or was before the last change."""
         before = 0.0 if state.inertia is None else state.inertia
         return np.maximum(joints.inertia(state.parameters, state.information, state.noise), before)
 
-    def _descend(
-        self, theta: np.ndarray, regressor: np.ndarray, measurement: Measurement, e1: np.ndarray,
-        e2: np.ndarray, moving: np.ndarray | None, dt: float,
-    ) -> np.ndarray:  # fmt: skip
-        """The direct term, in the joints that move and whose torque is not clipped, and for all of theta but
-        friction.
+    def _descend(self, state: ControllerState, sample: Sample, dt: float) -> np.ndarray:
+        """theta (l,) after the direct term, in the joints that move and whose torque is not clipped, and for
+        all of theta but friction.
 
         A joint that moves one way cannot tell its offset from its Coulomb friction: the indirect term keeps
         their sum, and the direct one would drive them apart without end.
         """
-        free = (np.abs(measurement.tau) < self.effort_limit) & (np.abs(measurement.v) >= self.rest_speed)
-        return self.law.descend(theta, regressor, e1, e2, dt, free, self._friction, moving)
+        (_, _, v, tau), regressor, e1, e2, moving = sample
+        free = (np.abs(tau) < self.effort_limit) & (np.abs(v) >= self.rest_speed)
+        return self.law.descend(state.parameters, regressor, e1, e2, dt, free, self._friction, moving)
 
     def _unexplained(
-        self, state: ControllerState, measurement: Measurement, moved: np.ndarray, regressor: np.ndarray,
-        e1: np.ndarray, e2: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        self, state: ControllerState, sample: Sample, motion: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(nv,) [N m] what of the torque neither theta nor the feed-forward explains; and how much more
         friction there is at v than is fed forward, as far as it is known."""
-        _, _, v, tau = measurement
+        (_, _, v, tau), regressor, e1, e2, _ = sample
         residual, rows = unexplained(
-            tau, moved, regressor, state.parameters, e1, e2, v, self.rest_speed, self._friction.start,
+            tau, motion, regressor, state.parameters, e1, e2, v, self.rest_speed, self._friction.start,
             self._first_offset, self._friction.stop,
         )  # fmt: skip
         if not self.joints:

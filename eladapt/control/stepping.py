@@ -1,13 +1,27 @@
-"""What a controller makes of the time between two samples."""
+"""What a controller makes of a sample, and of the time between two."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from eladapt.errors import ArgumentError, require_number
+from eladapt.signals import Measurement
 
 LONGEST_STEP = 10.0  # times the nominal one
 CLOCK_ROUNDING = 1e-6  # of a step: time stamps that agree with dt to this part are dt
+
+
+class Sample(NamedTuple):
+    """A measurement, and what follows from it and the reference."""
+
+    measurement: Measurement
+    regressor: np.ndarray  # (nv, l) W_r(q, v, v_d, a_d)
+    e1: np.ndarray  # (nv,) q - q_d [rad or m]
+    e2: np.ndarray  # (nv,) v - v_d
+    moving: np.ndarray | None  # (nv, nv) M(q) where the reference moves
 
 
 def checked_step(dt: float, nominal: float | None) -> float:

@@ -20,6 +20,7 @@ import numpy as np
 from eladapt.errors import require_gain, require_number
 from eladapt.estimation.payload import payload_regressor
 from eladapt.regressors.regressors import Regressors
+from eladapt.robot.reading import frame_index, last_body
 
 REACH = 0.1  # [m] from the tool's frame, within which a load's centre of mass is likely
 DEVIATIONS = 8.0  # of its scatter at rest, from which on it counts as something new
@@ -142,6 +143,9 @@ class ContactDetector:
 
     @functools.cached_property
     def _load(self) -> np.ndarray:
-        """(n_potential, 4) what m and m c of a load at the tool add to theta_U."""
-        effect = payload_regressor(self.regressors, self.regressors.robot.tool)
+        """(n_potential, 4) what m and m c of a load at the tool, or at the last link where the tool does not
+        move, add to theta_U."""
+        model, tool = self.regressors.robot.model, self.regressors.robot.tool
+        moves = model.frames[frame_index(model, tool)].parentJoint > 0
+        effect = payload_regressor(self.regressors, tool if moves else last_body(model))
         return effect[len(self.regressors) - self.regressors.n_potential :, :4]

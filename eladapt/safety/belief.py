@@ -1,6 +1,6 @@
 """Whether sensors and drives can be believed, joint by joint, from what the arm itself must do.
 
-Three questions, none of which needs a quantity that is not measured:
+Four questions, none of which needs a quantity that is not measured:
 
 Does a joint answer its torque? The model says what torque the motion that followed needs, s = M a + C v + g,
 with a the mean over a few samples. Whatever else acts (a load, a person, friction, parameters that are wrong)
@@ -13,6 +13,8 @@ Does the position go where the velocity says? Over some milliseconds its integra
 
 Does a sensor still show the noise that it had at rest? One that did and is the same number to the last bit
 for a while is dead.
+
+Does a joint that moves halt between two samples? None can.
 """
 
 from __future__ import annotations
@@ -30,19 +32,16 @@ from eladapt.gains.extremes import levers
 from eladapt.robot.model import Robot
 from eladapt.safety.guards import Alarm
 
-SPANS = (3, 15)  # samples of a mean; x and z are between two that follow each other
-MORE = 2  # samples in a row beyond the 2 SPAN that a step of something else spoils
+SPANS = np.array([3, 15])  # samples of a mean; x and z are between two that follow each other
+ENOUGH = (2 * SPANS + 2)[:, None]  # samples in a row: a step of something else spoils two spans
 PUSH, HAND = 24.0, 0.05  # [N] that a person adds or takes at once, at the tool; [m] beside its frame
 OPPOSED = -0.15  # z of x, below which a joint turns against its torque
 DEAF = 0.3  # (z with the rotor) of x, below which it does not answer
 MEMORY = 0.02  # [s] over which position and velocity are compared
 CONTRADICTION = 0.2  # of the way, by which they may differ
 LIVELY_MEMORY, LIVELY = 0.15, 0.45  # [s]; share of samples at rest that turn back, of white noise two thirds
-SAME = 20  # samples in a row that do not
-HALTED, AT_ONCE = (
-    3,
-    5,
-)  # samples in a row of a joint that moved, and that stands in one place from one to the next
+SAME = 20  # samples in a row without any noise
+HALTED = (3, 5)  # samples in a row after which a joint that moved has halted at once
 BRIDGED = 0.05  # [s] over which the mean of two velocities tells a way
 SMALLEST = 1e-8  # [rad, rad/s] a change that is noise and not the tail of something
 
@@ -182,7 +181,9 @@ class Belief:
         rows = np.empty_like(state.rows)
         rows[:, :-1] = state.rows[:, 1:]
         rows[0, -1], rows[1, -1], rows[2, -1] = torque, needed, heaviest
-        opposed, turned, deaf, pushed = runs(rows, *state[1:5], self.least, np.array(SPANS), OPPOSED, DEAF)
+        opposed, turned, deaf, pushed = runs(
+            rows, state.opposed, state.turned, state.deaf, state.pushed, self.least, SPANS, OPPOSED, DEAF
+        )
         state = state._replace(rows=rows, opposed=opposed, turned=turned, deaf=deaf, pushed=pushed)
         return self._sensed(state, moved, before, v, elapsed)
 
@@ -211,13 +212,12 @@ class Belief:
     def alarm(self, state: BeliefState) -> Alarm | None:
         """The joint that is not to be believed, and why."""
         names = self.robot.joint_names
-        enough = np.array([[2 * span + MORE] for span in SPANS])
-        turns = ((state.opposed >= enough) & (state.turned > self.against)).any(axis=0)
+        turns = ((state.opposed >= ENOUGH) & (state.turned > self.against)).any(axis=0)
         if turns.any():
             i = int(turns.argmax())
             said = f"{names[i]!r} turns against its torque: encoder or drive reversed, or something stronger?"
             return Alarm("reversed", said)
-        deaf = ((state.deaf >= enough) & (state.pushed > self.silent)).any(axis=0)
+        deaf = ((state.deaf >= ENOUGH) & (state.pushed > self.silent)).any(axis=0)
         if deaf.any():
             i = int(deaf.argmax())
             said = (
@@ -232,7 +232,7 @@ class Belief:
                 f"{names[i]!r} is {state.drift[i]:.3g} rad off where its velocity leads within {MEMORY:g} s"
             )
             return Alarm("sensor", said)
-        halted = (state.same >= HALTED) & (state.same <= AT_ONCE) & (state.paced > self.halting)
+        halted = (state.same >= HALTED[0]) & (state.same <= HALTED[1]) & (state.paced > self.halting)
         if halted.any():
             i = int(halted.argmax())
             said = (

@@ -2,10 +2,9 @@
 
 A sample is trusted, or it is not: not finite, of the wrong shape, not newer than the last, the same numbers
 although the robot moves, or further off than the robot can have come. Without a trusted sample for
-``max_age``, or when a trusted one shows that a limit is passed or that the loop diverges, the gate latches a
-fault: a name and a time. From then on it does not take the controller's torque but holds the arm: damping, a
-spring to where it was, and the last trusted gravity estimate. That estimate is the gradient of a potential
-whatever its parameters are, and the spring is another, so damping takes energy out even if both are wrong.
+``max_age``, or when a trusted one shows that a limit is passed, that the loop diverges or that a sensor or a
+drive is not to be believed, the gate latches a fault: a name and a time. From then on it does not take the
+controller's torque but holds the arm by its `Fallback`, or asks for brakes where no torque is known to help.
 """
 
 from __future__ import annotations
