@@ -169,7 +169,7 @@ class _Loop:
         self.pacer = Pacer(dt, steps + 1)
         self.state: Any = None  # the controller's
         self.reference: Any = None  # the shaping's state, where there is one
-        self.began = 0.0  # [s] by the robot's clock
+        self.began = self.latest = 0.0  # [s] by the robot's clock: the first measurement, and the last one
 
     def run(self, state: Any, after_fault: float, interruption: Interruption) -> str:
         """All ticks, from a state or afresh; returns how they ended."""
@@ -209,6 +209,7 @@ class _Loop:
         self.pacer.began(time.monotonic() - before)
         goal = self.goal_at(_number(getattr(measurement, "t", None)) - self.began)
         seen = self._seen(measurement)  # now: the driver may use its buffers again
+        self.latest = seen[0]
         if self.shaping:
             self.reference, tau = self.shaping.step(self.reference, measurement, goal, self.dt)
             self.state = self.reference.inner
@@ -253,8 +254,10 @@ def _unstopped(loop: _Loop, interruption: Interruption) -> str:
         return ""
     try:
         with interruption.unimportant():
-            _, _, v, _ = loop.robot.check_measurement(loop.interface.read())
+            t, _, v, _ = loop.robot.check_measurement(loop.interface.read())
     except (Exception, KeyboardInterrupt):  # a robot that has stopped need not answer
+        return ""
+    if not t > loop.latest:  # the last one again
         return ""
     limit = np.where(np.isfinite(loop.robot.velocity_limit), loop.robot.velocity_limit, UNLIMITED)
     share = np.abs(v) / limit
@@ -285,8 +288,8 @@ def _warm_up(controller: BareController, shaping: Shaped | None, dt: float) -> A
     """A few steps at home that nobody sees; the controller's state after them, None if it refuses."""
     stepped: BareController = shaping or controller
     robot = controller.robot
-    q, zero = robot.configuration(robot.home), np.zeros(robot.nv)
-    measurement = Measurement(0.0, q, zero, zero)
+    q = robot.configuration(robot.home)
+    measurement = Measurement(0.0, q, np.zeros(robot.nv), robot.gravity(q))
     try:
         state = stepped.init(measurement)
         for k in range(WARM_UP):

@@ -93,7 +93,7 @@ class UdpRobot:
 
     def read(self) -> Measurement:
         """The newest measurement."""
-        if self._last is None:
+        if self._last is None or self._socket is None:
             raise HardwareError("read: start the robot first")
         until = time.monotonic() + self.patience
         while not self._drain() and (left := until - time.monotonic()) > 0:

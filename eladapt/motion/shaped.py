@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import warnings
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Traject
 from eladapt.compiling import SCALAR, VECTOR, VIEW, kernel, prepare
 from eladapt.errors import ArgumentError, GoalWarning, require_number
 from eladapt.motion.limits import MotionLimits
-from eladapt.robot.protocols import Around, BareController, Goal, handed_on
+from eladapt.robot.protocols import Around, BareController, Goal, handed_on, of_the_inner
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 
@@ -125,6 +126,10 @@ class ShapedState(NamedTuple):
         """The last one that the controller saw, None where its state does not say."""
         return getattr(self.inner, "measurement", None)
 
+    def __getattr__(self, name: str) -> Any:
+        """What the controller's state says beside: parameters, external, touching and so on."""
+        return of_the_inner(self, name)
+
 
 @dataclass(frozen=True, eq=False)
 class Shaped(Around):
@@ -203,7 +208,8 @@ class Shaped(Around):
         if (i := come_inside(way, x, frame.lower, frame.upper)) >= 0:
             name, low, high = self.robot.joint_names[i], frame.lower[i], frame.upper[i]
             said = f"goal: {name} is beyond its limits, {low:.4g} to {high:.4g}; taken just inside"
-            warnings.warn(said, GoalWarning, stacklevel=3)
+            with contextlib.suppress(GoalWarning):  # where warnings are errors, too: the arm moves
+                warnings.warn(said, GoalWarning, stacklevel=3)
         limits = frame.limits
         if reached(way, *reference[1:], *goal[1:], *limits, dt):
             return Reference(pin.integrate(model, reference.q, way), goal.v, goal.a)

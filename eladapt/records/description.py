@@ -116,7 +116,7 @@ def _described(value: Any, within: tuple[int, ...]) -> Any:
 def _fields(value: Any) -> dict[str, Any] | None:
     """What something is made of by name, as far as it matters; None if it has no parts."""
     if isinstance(value, Robot):
-        return {"model": value.model, "zero_parameters": value.zero_parameters}
+        return {"model": value.model, "zero_parameters": value.zero_parameters, "tool": value.tool}
     if isinstance(value, ParameterBasis):
         names = ("projection", "kinetic", "potential", "n_potential")
         return {name: getattr(value, name) for name in names}

@@ -66,7 +66,7 @@ class Recorder:
         self._state: Any = None
         self._kept: list[tuple[float, Any]] = []  # states that are reviewed afterwards
         self._faults: list[Fault] | None = None  # None: there is no gate
-        self._brakes: list[Braking] = []
+        self._brakes: list[Braking] | None = None  # where nothing says whether they are wanted
         self._braked = False  # at the last sample
 
     def add(
@@ -74,6 +74,8 @@ class Recorder:
     ) -> None:
         """One sample: t [s], q (nq,), v and tau (nv,), the goal, and the controller's state after it."""
         sample = self._sample(t, q, v, tau, goal, state)
+        if "fault" in sample:
+            self._notice(sample.pop("fault"))
         self._state = state
         self._brake(t, state)
         if not self._kept or t - self._kept[-1][0] >= REVIEW_PERIOD - self.dt / 2:
@@ -86,17 +88,17 @@ class Recorder:
     def reserve(self, state: Any) -> None:
         """Room for all samples now, which takes 0.1 s for a minute of a Panda, and not in the first tick."""
         q, still = self.robot.configuration(self.robot.home), self.robot.still
-        self._make_room(self._sample(0.0, q, still, still, Reference(q, still, still), state))
+        sample = self._sample(0.0, q, still, still, Reference(q, still, still), state)
+        sample.pop("fault", None)
+        self._make_room(sample)
 
     def _sample(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: Reference, state: Any
     ) -> dict[str, Any]:
-        kept = {**_named(self._recorded.recorded(state), SAMPLED, "recorded")}
-        if "fault" in kept:
-            self._notice(kept.pop("fault"))
         return {
             "t": t, "q": q, "v": v, "tau": tau, "error": _error(self.robot, goal.q, q),
-            "goal": goal.q, "goal_velocity": goal.v, "goal_acceleration": goal.a, **kept,
+            "goal": goal.q, "goal_velocity": goal.v, "goal_acceleration": goal.a,
+            **_named(self._recorded.recorded(state), SAMPLED, "recorded"),
         }  # fmt: skip
 
     def _notice(self, fault: Fault | None) -> None:
@@ -107,7 +109,10 @@ class Recorder:
 
     def _brake(self, t: float, state: Any) -> None:
         """The first sample at which a gate wants the brakes, until it does not any more."""
-        wanted = bool(getattr(state, "brake", False))
+        if not hasattr(state, "brake"):
+            return
+        self._brakes = [] if self._brakes is None else self._brakes
+        wanted = bool(state.brake)
         if wanted and not self._braked:
             hold = getattr(gate_of(state), "hold", None)
             self._brakes.append(Braking(t, getattr(hold, "reason", "") or "not said"))
@@ -136,7 +141,7 @@ class Recorder:
             velocity_limit=self.robot.velocity_limit, lower=self.robot.lower, upper=self.robot.upper,
             q_index=np.array(list(self.robot.model.idx_qs)[1:]), dt=self.dt,
             faults=None if self._faults is None else tuple(self._faults),
-            brakes=None if self._faults is None else tuple(self._brakes), joint_names=self.robot.joint_names,
+            brakes=None if self._brakes is None else tuple(self._brakes), joint_names=self.robot.joint_names,
             parameter_labels=self._labels(size), robot_source=self.robot.source,
             title=self.title or self.robot.name,
             configuration={

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import numpy as np
 
-from eladapt.errors import StateError
+from eladapt.errors import EladaptError, StateError
 from eladapt.robot.model import Robot
 from eladapt.robot.protocols import BareController
 from eladapt.signals import Measurement
@@ -28,9 +28,17 @@ SCALARS: tuple[Any, ...] = (
 def require_state_of(controller: BareController, state: Any) -> Any:
     """The state. Raises StateError, naming the field, what it should hold and what it does."""
     robot = controller.robot
-    fresh = controller.init(Measurement(0.0, robot.configuration(robot.home), *np.zeros((2, robot.nv))))
+    fresh = controller.init(_seen(state, robot))
     _compare(state, fresh, "state", Any, robot)
     return state
+
+
+def _seen(state: Any, robot: Robot) -> Measurement:
+    """The state's own measurement, or one at home where it has none that is one."""
+    try:
+        return robot.check_measurement(state.measurement)
+    except (EladaptError, AttributeError, TypeError, ValueError, OverflowError):
+        return Measurement(0.0, robot.configuration(robot.home), *np.zeros((2, robot.nv)))
 
 
 def _compare(value: Any, fresh: Any, place: str, hint: Any, robot: Robot) -> None:

@@ -277,7 +277,7 @@ class Robot:
         """What `from_source` needs to build this robot again; plain JSON types."""
         if self.name in library.names():
             listed = Robot.load(self.name)
-            if listed.model == self.model and listed.zero_parameters == self.zero_parameters:
+            if listed.model == self.model and listed._beside_the_model() == self._beside_the_model():
                 return {"load": self.name}
         armature = {n: float(a) for n, a in zip(self.joint_names, self.armature, strict=True) if a}
         return {
@@ -286,13 +286,19 @@ class Robot:
             "locked": list(self.locked),
             "name": self.name,
             "armature": armature,
+            "gravity": self.model.gravity.linear.tolist(),
+            "mend": self.mend,
+            "density": self.density,
+            **self._beside_the_model(),
+        }
+
+    def _beside_the_model(self) -> dict[str, Any]:
+        """What makes this robot beside its dynamics; plain types, to be compared."""
+        return {
             "tool": self.tool,
             "zero_parameters": list(self.zero_parameters),
             "home": self.home.tolist(),
             "target": self.target.tolist(),
-            "gravity": self.model.gravity.linear.tolist(),
-            "mend": self.mend,
-            "density": self.density,
             "published": {name: limit.tolist() for name, limit in self.published.items()},
         }
 

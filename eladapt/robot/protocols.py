@@ -119,6 +119,13 @@ class Around:
         return recorded_by(self.controller)
 
 
+def of_the_inner(state: Any, name: str) -> Any:
+    """What a state around another one has not itself, ``state.inner`` has."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    return getattr(state.inner, name)
+
+
 def recorded_by(controller: BareController) -> Recorded:
     """Who says what is kept of a controller: itself if it has all of `Recorded`, else nothing is kept."""
     return controller if isinstance(controller, Recorded) else Unrecorded()

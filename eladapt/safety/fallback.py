@@ -16,7 +16,8 @@ Whether they are, energy tells. The work of spring and damper is booked as it is
 v' (tau - g) dt with what g had lacked when the fault came, and the arm's kinetic energy T is watched: what
 it has gained beside W came from somewhere else. With a sensor or a motor of the wrong sign T grows while W
 falls. When that gain exceeds a part of what torque without bound but the effort limits could do within the
-bridging time, or without a trusted sample for so long, holding has failed, and ``braking`` begins: nothing
+bridging time, or without a trusted sample for so long, or where gravity leaves so little
+effort that s hardly brakes, holding has failed, and ``braking`` begins: nothing
 but the last gravity torque, fading while the brakes close. So after the alarm the arm gains no more than in
 one bridging time, however wrong its signs are.
 """
@@ -34,6 +35,8 @@ from eladapt.signals import Configuration, JointVector
 
 FADING = 0.2  # [s]
 SHARE = 0.25  # of what one bridging time can add, which holding may miss
+SLOWEST = 1.0  # [s] in which speed has to fall by e, at the least
+MOVES = 0.05  # [rad/s or m/s] above which that is asked
 
 
 class Hold(NamedTuple):
@@ -47,6 +50,7 @@ class Hold(NamedTuple):
     kinetic: float  # [J] at the alarm
     work: float  # [J] of spring and damper since
     allowed: float  # [J] that the arm may have gained beside it
+    idle: float = 0.0  # [s] for how long an arm that moves has hardly been braked
     braking: float | None = None  # [s] since brakes are wanted
     reason: str = ""  # why they are
 
@@ -95,22 +99,33 @@ class Fallback:
         self, hold: Hold, q: np.ndarray, v: np.ndarray, gravity: np.ndarray, sent: np.ndarray, dt: float
     ) -> tuple[Hold, np.ndarray]:
         """The torque (nv,), within the limits, at a trusted sample; sent (nv,): that of the step before."""
+        hold = self._booked(hold, q, v, gravity, sent, dt)
+        e, mass = self.robot.difference(hold.anchor, q), self.robot.mass_matrix(q)
+        brake = self.robot.mass_matrix(hold.begun) @ e / (4 * self.horizon) ** 2 + mass @ v / self.horizon
+        still = np.clip(gravity + hold.offset, -self.effort, self.effort)
+        share = _least(np.where(brake > 0, self.effort + still, self.effort - still), np.abs(brake))
+        idle = share < self.horizon / SLOWEST and np.abs(v).max() > MOVES
+        hold = hold._replace(idle=hold.idle + dt if idle else 0.0)
+        if hold.idle > self.bridging:
+            hold = self.braked(hold, "gravity leaves the efforts nothing to brake with")
+        tau = still - share * brake
+        return hold, sent + _least(self.torque_rate * dt, np.abs(tau - sent)) * (tau - sent)
+
+    def _booked(
+        self, hold: Hold, q: np.ndarray, v: np.ndarray, gravity: np.ndarray, sent: np.ndarray, dt: float
+    ) -> Hold:
+        """The state at a sample, with the work of the step; brakes are wanted where the arm gained more."""
         robot = self.robot
-        moved = robot.difference(hold.q, q)
-        work = hold.work + float((sent - hold.gravity - hold.offset) @ moved)
+        work = hold.work + float((sent - hold.gravity - hold.offset) @ robot.difference(hold.q, q))
         far = robot.difference(hold.anchor, q)
-        e = np.clip(far, -self.slack, self.slack)
-        hold = hold._replace(
-            anchor=robot.integrate(hold.anchor, far - e), offset=hold.offset * np.exp(-dt / FADING),
-            gravity=gravity, q=q, work=work,
-        )  # fmt: skip
+        anchor = robot.integrate(hold.anchor, far - np.clip(far, -self.slack, self.slack))
+        fading = hold.offset * np.exp(-dt / FADING)
+        hold = hold._replace(anchor=anchor, offset=fading, gravity=gravity, q=q, work=work)
         gained = robot.kinetic_energy(q, v) - hold.kinetic - work
-        if gained > hold.allowed:
-            said = f"the arm gained {gained:.3g} J that no torque explains, of {hold.allowed:.3g} J allowed"
-            hold = self.braked(hold, said)
-        spring = robot.mass_matrix(hold.begun) @ e / (4 * self.horizon) ** 2
-        brake = spring + robot.mass_matrix(q) @ v / self.horizon
-        return hold, self._together(gravity + hold.offset, brake, sent, dt)
+        if gained <= hold.allowed:
+            return hold
+        said = f"the arm gained {gained:.3g} J that no torque explains, of {hold.allowed:.3g} J allowed"
+        return self.braked(hold, said)
 
     def braked(self, hold: Hold, reason: str) -> Hold:
         """The state with the brakes wanted; the first reason counts."""
@@ -122,13 +137,6 @@ class Fallback:
         left = max(0.0, 1.0 - since / self.closing)
         still = left * (hold.gravity + hold.offset)
         return hold._replace(braking=since + dt), np.clip(still, -self.effort, self.effort)
-
-    def _together(self, still: np.ndarray, brake: np.ndarray, sent: np.ndarray, dt: float) -> np.ndarray:
-        """still - s brake, and no further from ``sent`` than the torque rate allows, in all joints alike."""
-        still = np.clip(still, -self.effort, self.effort)
-        room = np.where(brake > 0, self.effort + still, self.effort - still)
-        tau = still - _least(room, np.abs(brake)) * brake
-        return sent + _least(self.torque_rate * dt, np.abs(tau - sent)) * (tau - sent)
 
 
 def _least(room: np.ndarray, needed: np.ndarray) -> float:

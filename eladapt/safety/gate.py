@@ -48,9 +48,6 @@ class GateState(NamedTuple):
     goal: Reference  # the last valid one
     age: float  # [s] of the last trusted measurement; 0 when it is this sample's
     clock: float  # [s] from the robot's clock to the gate's, which is never set back
-    suspicion: str  # why the samples since were not trusted
-    q: np.ndarray  # (nq,) of the last trusted measurement
-    v: np.ndarray  # (nv,)
     tau: np.ndarray  # (nv,) [N m] what left last
     unexplained: np.ndarray  # (nv,) [N m] what acts on the arm beside the torque and the model
     guard: GuardState
@@ -58,6 +55,16 @@ class GateState(NamedTuple):
     seen: int = 0  # trusted samples judged since `init`
     fault: Fault | None = None
     hold: Hold | None = None  # where the fallback stands, once there is a fault
+
+    @property
+    def q(self) -> np.ndarray:
+        """(nq,) where the arm was seen last."""
+        return self.measurement.q
+
+    @property
+    def v(self) -> np.ndarray:
+        """(nv,) [rad/s] how fast."""
+        return self.measurement.v
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +145,9 @@ class TorqueGate:
         reversing = np.asarray(limits["effort"]) / np.asarray(limits["torque_rate"])
         horizon = np.maximum(max(0.01, 10 * dt), np.minimum(reversing, LONGEST_HORIZON))
         barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 4 * horizon), horizon=horizon)
-        fallback = Fallback(robot, limit, np.asarray(limits["torque_rate"]), max(0.01, 3 * dt))
+        fallback = Fallback(
+            robot, limit, np.asarray(limits["torque_rate"]), max(0.01, 3 * dt), bridging=limits["max_age"]
+        )
         belief = Belief.for_robot(robot, limit, velocity)
         return cls(robot, **{"barrier": barrier, "fallback": fallback, "belief": belief, **limits})
 
@@ -152,18 +161,9 @@ class TorqueGate:
         tau = np.clip(tau, -self.effort, self.effort)
         nv = self.robot.nv
         here = Reference(q, np.zeros(nv), np.zeros(nv))
+        nothing = np.zeros(nv)
         return GateState(
-            measurement,
-            here,
-            0.0,
-            0.0,
-            "",
-            q,
-            v,
-            tau,
-            np.zeros(nv),
-            self.guard.init(q, nv),
-            self.belief.init(),
+            measurement, here, 0.0, 0.0, tau, nothing, self.guard.init(q, nv), self.belief.init()
         )
 
     def watch(self, state: GateState, measurement: Measurement, goal: Goal, dt: float) -> GateState:
@@ -185,7 +185,7 @@ class TorqueGate:
         if doubt is None:
             return self._guarded(state, measurement, dt)
         age = state.age + dt
-        state = state._replace(age=age, suspicion=doubt.name)
+        state = state._replace(age=age)
         if age > self.max_age * (1 + ROUNDING):
             said = f"no trusted measurement for {age:.3g} s; the last one: {doubt.message}"
             state = self.latch(state, doubt.name, said)
@@ -195,7 +195,7 @@ class TorqueGate:
         """The state with this fault, unless there is one already: the first one counts."""
         if state.fault is not None:
             return state
-        return state._replace(fault=Fault(name, state.measurement.t + state.age, message))
+        return state._replace(fault=Fault(name, state.measurement.t + state.age - state.clock, message))
 
     def touched(self, state: GateState, external: np.ndarray | None) -> GateState:
         """The state with the fault "contact" where external torque (nv,) is beyond the limit."""
@@ -264,7 +264,7 @@ class TorqueGate:
         elif elapsed > 0:
             belief = self.belief.after_gap(belief, moved_by, last.v, v, elapsed)
         state = state._replace(
-            measurement=measurement, age=0.0, suspicion="", q=q, v=v, guard=guard, unexplained=unexplained,
+            measurement=measurement, age=0.0, guard=guard, unexplained=unexplained,
             belief=belief, seen=state.seen + 1,
         )  # fmt: skip
         if state.fault is not None:

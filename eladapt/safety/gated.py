@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eladapt.errors import ArgumentError, require_number
-from eladapt.robot.protocols import Around, BareController, Goal, handed_on
+from eladapt.robot.protocols import Around, BareController, Goal, handed_on, of_the_inner
 from eladapt.safety.gate import GateState, TorqueGate, checked_torque
 from eladapt.signals import Fault, Measurement
 
@@ -35,30 +35,9 @@ class GatedState(NamedTuple):
         """The last trusted one."""
         return self.gate.measurement
 
-    @property
-    def parameters(self) -> np.ndarray:
-        """(l,) the controller's estimate, of a controller whose state has one."""
-        return np.asarray(self.inner.parameters)
-
-    @property
-    def theta(self) -> np.ndarray:
-        """(n_potential,) its estimate of the gravity parameters."""
-        return np.asarray(self.inner.theta)
-
-    @property
-    def external(self) -> np.ndarray:
-        """(nv,) [N m] what acts on the arm from outside, of a controller that estimates it."""
-        return np.asarray(self.inner.external)
-
-    @property
-    def touching(self) -> bool:
-        """Whether the arm touches something, as far as the controller can tell."""
-        return bool(getattr(self.inner, "touching", False))
-
-    @property
-    def change(self) -> Any:
-        """What its detector noticed."""
-        return self.inner.change
+    def __getattr__(self, name: str) -> Any:
+        """What the controller's state says beside: parameters, external, touching and so on."""
+        return of_the_inner(self, name)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,8 +46,9 @@ class GatedController(Around):
 
     A short spell of bad samples holds the last torque, within its limits, and the controller goes on from the
     first good one. A longer one, or a guard's alarm, latches a fault (``state.fault``): the controller is not
-    stepped any more, so it learns nothing, and the gate holds the arm until `reset`. Whatever is measured,
-    asked or computed, the torque is finite and within the limits. Steps raise for dt alone.
+    stepped any more, so it learns nothing, and the gate holds the arm until `reset`, or asks for its brakes
+    (``state.brake``). Whatever is measured, asked or computed, the torque is finite and within the limits.
+    Steps raise for dt alone.
     """
 
     controller: BareController
@@ -134,8 +114,13 @@ class GatedController(Around):
         had learned, or, to ``forget``, afresh from the last trusted estimate. Raises ArgumentError for a bad
         measurement.
         """
-        gate = self.gate.init(state.gate.measurement if measurement is None else measurement)
-        gate = gate._replace(tau=state.gate.tau)
+        last, clock = state.gate.measurement, state.gate.clock
+        if measurement is not None:
+            given = self.robot.check_measurement(measurement)
+            if given.t + clock < last.t:  # it was set back
+                clock = last.t + self.gate.max_age - given.t
+            last = given._replace(t=given.t + clock)
+        gate = self.gate.init(last)._replace(tau=state.gate.tau, clock=clock)
         if forget:
             return self._begun(gate, state.trusted if len(state.trusted) else None)
         return GatedState(state.inner, gate, state.trusted)
@@ -147,6 +132,11 @@ class GatedController(Around):
     def _begun(self, gate: GateState, theta0: Any) -> GatedState:
         given = () if theta0 is None else (theta0,)
         inner = self.controller.init(gate.measurement.copy(), *given)
+        if np.isfinite(self.gate.contact).any() and not hasattr(inner, "external"):
+            raise ArgumentError(
+                "contact: expected a controller whose state says what acts from outside (external), "
+                f"got {type(self.controller).__name__}; leave it inf"
+            )
         return GatedState(inner, gate, self._parameters(inner))
 
     def _parameters(self, inner: Any) -> np.ndarray:

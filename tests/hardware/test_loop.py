@@ -132,10 +132,11 @@ def test_the_keyboard_ends_the_loop_in_order():
 
 
 class Unbraked(Simulated):
-    """A robot whose stop does nothing."""
+    """A robot whose stop does nothing: the arm moves on."""
 
     def stop(self):
         self._note("stop")
+        self.measurement = self.plant.step(self.measurement.tau, self.dt)
 
 
 def test_a_stop_that_returns_while_the_arm_moves_is_said():
