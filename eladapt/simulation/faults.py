@@ -15,7 +15,7 @@ from eladapt.robot.protocols import Plant
 from eladapt.robot.reading import frame_index
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import ROUNDING, Friction
-from eladapt.simulation.instruments import _Wrapper
+from eladapt.simulation.instruments import Wrapper
 from eladapt.simulation.plants import PinocchioPlant
 
 Reading = Callable[[Measurement, Measurement], Measurement]
@@ -23,7 +23,7 @@ Drive = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Force = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
-class _Fault(_Wrapper):
+class _Fault(Wrapper):
     """A plant with something wrong from ``start`` to ``end`` [s]."""
 
     def __init__(self, plant: Plant, start: float = 0.0, end: float = np.inf):
