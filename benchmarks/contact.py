@@ -21,7 +21,7 @@ from tqdm import tqdm
 import eladapt as ea
 from eladapt.robot.reading import frame_index
 from eladapt.signals import Measurement
-from eladapt.simulation.instruments import _Wrapper
+from eladapt.simulation.instruments import Wrapper
 
 DT = 1e-3
 NOISES = (ea.Noise(1e-5, 1e-3), ea.Noise(1e-4, 1e-3))
@@ -42,7 +42,7 @@ NOTES = (
 )
 
 
-class Pushed(_Wrapper):
+class Pushed(Wrapper):
     """A plant whose tool is pushed: by ``forces`` (k, 3) [N], the first from ``start`` [s] on, each for
     ``lasting`` [s], and ``period`` [s] from one to the next."""
 

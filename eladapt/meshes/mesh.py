@@ -19,7 +19,7 @@ from eladapt.meshes import collada, gltf, obj, stl
 from eladapt.meshes.soup import BoundError, Soup
 
 MOST_BYTES = 64 << 20  # the largest of 670 published robot meshes has 29 MB
-MOST_TRIANGLES = 500_000  # of a robot's meshes together; the largest of published arms have 290,000
+MOST_TRIANGLES = 500_000  # of one mesh; those of a published arm have up to 290,000 together
 FARTHEST = 1e4  # [m] from the origin: no robot's, and within single precision, in which a page keeps it
 
 READERS: dict[str, Callable[[bytes, int], Soup]] = {
@@ -66,13 +66,9 @@ def read_mesh(
 def _joined(vertices: np.ndarray, triangles: np.ndarray) -> Mesh:
     """The mesh with equal vertices made one, without the triangles that this leaves with two corners."""
     single = np.ascontiguousarray(vertices, dtype=np.float32) + np.float32(0)  # no negative zeros
-    words = single.view(np.uint32).astype(np.uint64)
-    order = np.lexsort((words[:, 2], words[:, 1] << np.uint64(32) | words[:, 0]))
-    new = np.ones(len(order), dtype=bool)
-    new[1:] = (single[order[1:]] != single[order[:-1]]).any(axis=1)
-    group = np.empty(len(order), dtype=np.int64)
-    group[order] = np.cumsum(new) - 1
+    rows = single.view("V12")[:, 0]  # bytes: of 200,000 triangles 2.7 times as fast as by axis=0
+    _, first, group = np.unique(rows, return_index=True, return_inverse=True)
     corners = group[triangles]
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
     used, corners = np.unique(corners, return_inverse=True)
-    return Mesh(vertices[order[new]][used], corners.reshape(-1, 3))
+    return Mesh(vertices[first[used]], corners.reshape(-1, 3))

@@ -24,6 +24,8 @@ def read(contents: bytes, most: int) -> Soup:
         elif words[:1] == [b"f"]:
             # from 1 on, or backwards from the last vertex so far
             given, so_far = [int(word.partition(b"/")[0]) for word in words[1:]], len(coordinates) // 3
+            if 0 in given:
+                raise ValueError("a face has vertex 0: they count from 1, or from -1 backwards")
             corners.extend(number - 1 if number > 0 else so_far + number for number in given)
             sizes.append(len(given))
             limit(len(corners) - 2 * len(sizes), most)

@@ -10,7 +10,7 @@ from eladapt.meshes.soup import Soup, limit, numbers
 
 HEAD = 84  # bytes before the first triangle of the binary form, the last four of them their number
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-CORNER = re.compile(r"^[ \t]*vertex\s+(\S+\s+\S+\s+\S+)", re.MULTILINE)
+CORNER = re.compile(r"^[ \t]*vertex\s+(\S+\s+\S+\s+\S+)", re.MULTILINE | re.IGNORECASE)
 
 
 def read(contents: bytes, most: int) -> Soup:
@@ -18,7 +18,7 @@ def read(contents: bytes, most: int) -> Soup:
     declared = int.from_bytes(contents[HEAD - 4 : HEAD], "little")
     size = HEAD + FACET.itemsize * declared
     if len(contents) != size and contents.lstrip()[:5].lower() == b"solid":
-        limit(contents.count(b"vertex"), 3 * most)
+        limit(contents.lower().count(b"vertex") // 3, most)
         corners = numbers(" ".join(CORNER.findall(contents.decode("utf-8", "replace")))).reshape(-1, 3)
     else:
         limit(declared, most)

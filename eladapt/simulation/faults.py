@@ -15,7 +15,7 @@ from eladapt.robot.protocols import Plant
 from eladapt.robot.reading import frame_index
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import ROUNDING, Friction
-from eladapt.simulation.instruments import _Wrapper
+from eladapt.simulation.instruments import Wrapper
 from eladapt.simulation.plants import PinocchioPlant
 
 Reading = Callable[[Measurement, Measurement], Measurement]
@@ -23,7 +23,7 @@ Drive = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Force = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
-class _Fault(_Wrapper):
+class _Fault(Wrapper):
     """A plant with something wrong from ``start`` to ``end`` [s]."""
 
     def __init__(self, plant: Plant, start: float = 0.0, end: float = np.inf):
@@ -50,12 +50,15 @@ class _Fault(_Wrapper):
         return measurement
 
 
-class _Misreading(_Fault):
-    """Abstract: sensors that say something else than what is."""
+class Misread(_Fault):
+    """Sensors that say ``change(measurement, good)``, good being the last measurement before it began.
 
-    def read(self, measurement: Measurement, good: Measurement) -> Measurement:
-        """What is read, of what is and the last measurement before it began, both to be written to."""
-        raise NotImplementedError
+    Both are copies that may be written to. Where it begins with the first measurement, that one is good.
+    """
+
+    def __init__(self, plant: Plant, change: Reading, start: float = 0.0, end: float = np.inf):
+        super().__init__(plant, start, end)
+        self.change = change
 
     def reset(self) -> Measurement:
         """The first measurement, as it is read."""
@@ -70,38 +73,29 @@ class _Misreading(_Fault):
         if not self.active:
             self._good = measurement
             return measurement.copy()
-        return self.read(measurement.copy(), self._good.copy())
+        return self.change(measurement.copy(), self._good.copy())
 
 
-class Misread(_Misreading):
-    """Sensors that say ``change(measurement, good)``, good being the last measurement before it began.
-
-    Both are copies that may be written to. Where it begins with the first measurement, that one is good.
-    """
-
-    def __init__(self, plant: Plant, change: Reading, start: float = 0.0, end: float = np.inf):
-        super().__init__(plant, start, end)
-        self.change = change
-
-    def read(self, measurement: Measurement, good: Measurement) -> Measurement:
-        """What the change makes of it."""
-        return self.change(measurement, good)
+def _lost(measurement: Measurement, _good: Measurement) -> Measurement:
+    return measurement._replace(q=np.nan * measurement.q, v=np.nan * measurement.v)
 
 
-class LostNumbers(_Misreading):
+def _frozen(measurement: Measurement, good: Measurement) -> Measurement:
+    return measurement._replace(q=good.q, v=good.v)
+
+
+class LostNumbers(Misread):
     """Measured positions and velocities are nan; the time stamp and the torque are right."""
 
-    def read(self, measurement: Measurement, good: Measurement) -> Measurement:
-        """Nothing."""
-        return measurement._replace(q=np.full_like(good.q, np.nan), v=np.full_like(good.v, np.nan))
+    def __init__(self, plant: Plant, start: float = 0.0, end: float = np.inf):
+        super().__init__(plant, _lost, start, end)
 
 
-class FrozenSensor(_Misreading):
+class FrozenSensor(Misread):
     """Positions and velocities stay what they were when it began; time stamps go on."""
 
-    def read(self, measurement: Measurement, good: Measurement) -> Measurement:
-        """What was read last."""
-        return measurement._replace(q=good.q, v=good.v)
+    def __init__(self, plant: Plant, start: float = 0.0, end: float = np.inf):
+        super().__init__(plant, _frozen, start, end)
 
 
 class Misdriven(_Fault):

@@ -17,7 +17,7 @@ from eladapt.simulation.disturbances import Noise
 from eladapt.simulation.plants import NoiseModel
 
 
-class _Wrapper:
+class Wrapper:
     """A plant seen through something; ``q`` and ``v`` stay the true state."""
 
     def __init__(self, plant: Plant):
@@ -62,7 +62,7 @@ class _Wrapper:
         self.plant.release()
 
 
-class Encoders(_Wrapper):
+class Encoders(Wrapper):
     """Positions in whole counts of a turn, velocities from their filtered differences.
 
     counts: of one turn (or of 2 pi m on a prismatic joint). time_constant [s]: of the first-order filter
@@ -104,7 +104,7 @@ class Encoders(_Wrapper):
         return self.robot.configuration(self.resolution * np.round(coordinates / self.resolution))
 
 
-class NoisyReadings(_Wrapper):
+class NoisyReadings(Wrapper):
     """Noise on top of what the plant measures, as encoders do; a plant's own noise comes before them.
 
     seed: of the noise.
@@ -129,7 +129,7 @@ class NoisyReadings(_Wrapper):
         return measurement._replace(q=q, v=measurement.v + dv)
 
 
-class Delay(_Wrapper):
+class Delay(Wrapper):
     """A torque that acts ``delay`` [s] after it was commanded, in whole steps; zero until the first does.
 
     The measurement's tau is the torque that acted, as a drive would report it.

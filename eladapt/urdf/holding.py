@@ -7,9 +7,8 @@ from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement
 
 from eladapt.errors import UnknownNameError
-from eladapt.urdf.tree import MOVING, child_value
+from eladapt.urdf.tree import MIMIC, MOVING, child_value, coupled_joints
 
-MIMIC = "mimic"
 SEVERAL = ("floating", "planar")  # of several degrees of freedom: held, they are fixed joints
 
 
@@ -22,14 +21,13 @@ def held_joints(root: Element, patterns: Iterable[str]) -> tuple[str, ...]:
     given = [patterns] if isinstance(patterns, str) else list(patterns)
     movable = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
     names = [joint.get("name", "") for joint in movable]
-    coupled = [j.get("name", "") for j in movable if j.get("type") in MOVING and j.find("mimic") is not None]
     chosen: set[str] = set()
     unknown = []
     for pattern in given:
         if pattern in names:
             chosen.add(pattern)
         elif pattern == MIMIC:
-            chosen.update(coupled)
+            chosen.update(coupled_joints(movable))
         elif found := fnmatch.filter(names, pattern):
             chosen.update(found)
         else:
@@ -49,7 +47,7 @@ def hold(root: Element, names: Iterable[str]) -> None:
     for joint in root.findall("joint"):
         if joint.get("name", "") not in names:
             continue
-        for mimic in joint.findall("mimic"):
+        for mimic in joint.findall(MIMIC):
             joint.remove(mimic)
         if joint.get("type") in SEVERAL:
             joint.set("type", "fixed")

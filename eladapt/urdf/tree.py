@@ -11,6 +11,7 @@ from eladapt.errors import Finding
 from eladapt.urdf.numbers import label_of, parse
 
 MOVING = ("revolute", "continuous", "prismatic")
+MIMIC = "mimic"
 SHORTEST_AXIS = 1e-6
 
 
@@ -103,27 +104,34 @@ def tree(root: Element) -> Iterator[Finding]:
 def mimics(root: Element) -> Iterator[Finding]:
     """Joints that follow none, or each other in a circle, and those that would be left without a torque."""
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    leaders = {name: child_value(joint, "mimic", "joint", "") for name, joint in joints.items()}
-    coupled = [n for n, j in joints.items() if j.get("type") in MOVING and j.find("mimic") is not None]
+    leaders = {
+        name: child_value(joint, MIMIC, "joint", "")
+        for name, joint in joints.items()
+        if joint.find(MIMIC) is not None
+    }
+    coupled = coupled_joints(joints.values())
     for name, leader in leaders.items():
-        if joints[name].find("mimic") is None:
-            continue
-        label = f'joint "{name}" <mimic>'
+        label = f'joint "{name}" <{MIMIC}>'
         if leader not in joints:
             remedy = f"Name one of {listed(sorted(joints))}"
             yield Finding(label, f'joint="{leader}"', "no joint has this name", remedy)
             continue
         trail = [name]
-        while leader in joints and joints[leader].find("mimic") is not None and leader not in trail:
+        while leader in leaders and leader not in trail:
             trail.append(leader)
             leader = leaders[leader]
         if leader not in trail and name in coupled:
             value, problem = f"mimics {leaders[name]!r}", "a coupled joint has no torque of its own"
-            remedy = f"Lock {listed(coupled)}, or all that are coupled: locked=['mimic']"
+            remedy = f"Lock {listed(coupled)}, or all that are coupled: locked=[{MIMIC!r}]"
             yield Finding(f'joint "{name}"', value, problem, remedy)
         elif leader in trail and name == min(trail[trail.index(leader) :]):  # a circle is one fault
             value = f"joints {listed(trail[trail.index(leader) :])}"
             yield Finding(label, value, "each follows the next, in a circle", "Let one of them follow none")
+
+
+def coupled_joints(joints: Iterable[Element]) -> list[str]:
+    """The names of those of these joints that move as another one does."""
+    return [j.get("name", "") for j in joints if j.get("type") in MOVING and j.find(MIMIC) is not None]
 
 
 def child_value(element: Element, tag: str, key: str, default: str) -> str:

@@ -99,8 +99,8 @@ def glb(document=None):
 
 
 GOOD = {
-    "binary.stl": stl(), "text.stl": stl_text(), "cone.obj": obj(), "cone.dae": dae(), "cone.gltf": gltf(),
-    "cone.GLB": glb(),
+    "binary.stl": stl(), "text.stl": stl_text(), "capitals.stl": stl_text().upper(),
+    "cone.obj": obj(), "cone.dae": dae(), "cone.gltf": gltf(), "cone.GLB": glb(),
 }  # fmt: skip
 
 
@@ -251,6 +251,10 @@ BOMBS = {
     "nan.stl": (stl(GONE), "finite"),
     "nan.dae": (dae(corners=GONE), "finite"),
     "missing.obj": (obj() + b"f 1 2 9\n", "a corner that is none of the 4 vertices"),
+    "zero.obj": (obj().replace(b"f 2 3 4", b"f 2 3 0") + b"v 0 0 0\n", "a face has vertex 0"),
+    "capitals.stl": (
+        b"SOLID" + b"\nVERTEX 0 0 0" * 3 * (MOST_TRIANGLES + 1), f"more than {MOST_TRIANGLES} tri",
+    ),
     "before.obj": (b"f -1 -2 -3\n" + obj(), "a corner that is none"),
     "missing.dae": (dae(parts=TRIANGLE.replace("2 0 1 0", "2 0 9 0")), "a corner that is none"),
     "cut.stl": (stl()[:-1], "too short for its 4 triangles"),

@@ -1,5 +1,7 @@
 """Faults between a plant and a controller do what they say, when they say it, and nothing else."""
 
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -63,6 +65,16 @@ def test_lost_numbers_are_nan_and_frozen_ones_the_last():
     good = pairs[BEGIN - 2][1][1]
     for k, (found, true) in pairs:
         assert same(found, true._replace(q=good.q, v=good.v) if BEGIN <= k < END else true)
+
+
+@pytest.mark.parametrize("kind", [LostNumbers, FrozenSensor])
+def test_a_fault_runs_in_another_process_as_in_this_one(kind):
+    tau = np.ones(6)
+    plant = kind(arm(), **SPAN)
+    for found, expected in zip(
+        measured(pickle.loads(pickle.dumps(plant)), tau), measured(plant, tau), strict=True
+    ):
+        assert same(found, expected)
 
 
 def test_drives_do_something_else_and_report_what_was_commanded():
