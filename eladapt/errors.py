@@ -106,6 +106,10 @@ class RecordError(EladaptError):
     """A file that is not a readable record."""
 
 
+class LogError(EladaptError):
+    """A file that is not a readable log."""
+
+
 class MeshError(EladaptError):
     """A mesh that is not read: foreign, too large or broken."""
 
@@ -153,6 +157,10 @@ class BrakesWarning(EladaptWarning):
 
 class GoalWarning(EladaptWarning):
     """A goal that no arm may reach, and that was changed."""
+
+
+class LogWarning(EladaptWarning):
+    """A log that looks wrong, or that will not tell much."""
 
 
 class MendedWarning(EladaptWarning):

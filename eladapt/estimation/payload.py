@@ -21,6 +21,7 @@ from eladapt.errors import ArgumentError, require_number, require_vector
 from eladapt.estimation.extensions import Information
 from eladapt.estimation.mixing import DUST
 from eladapt.regressors.regressors import Regressors
+from eladapt.regressors.standard import pseudo_inertia
 from eladapt.robot.reading import frame_index
 
 NAMES = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -172,20 +173,11 @@ def _moved(placement: pin.SE3) -> np.ndarray:
     """(10, 10): standard parameters in another frame, by the pseudo-inertia J' = X J X'."""
     columns = []
     for k in range(10):
-        pseudo = placement.homogeneous @ _pseudo(np.eye(10)[k]) @ placement.homogeneous.T
+        pseudo = placement.homogeneous @ pseudo_inertia(np.eye(10)[k]) @ placement.homogeneous.T
         second = pseudo[:3, :3]
         inertia = np.trace(second) * np.eye(3) - second
         columns.append([pseudo[3, 3], *pseudo[:3, 3], *inertia[np.tril_indices(3)]])
     return np.array(columns).T
-
-
-def _pseudo(parameters: np.ndarray) -> np.ndarray:
-    """(4, 4) pseudo-inertia of ten standard parameters, in the order m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
-    inertia = np.zeros((3, 3))
-    inertia[np.tril_indices(3)] = parameters[4:]
-    inertia = inertia + np.tril(inertia, -1).T
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    return np.block([[second, parameters[1:4, None]], [parameters[None, 1:4], parameters[:1, None]]])
 
 
 def _weight(

@@ -146,17 +146,19 @@ class ForceBalance:
 
     def forces(self, state: FilterState, q: np.ndarray, v: np.ndarray, dt: float) -> list[np.ndarray]:
         """W(q, v, a) (nv, l) at Gauss's two points of the path from ``state`` to (q, v)."""
-        torque, model = self.regressors.torque, self.regressors.robot.model
-        moved = pin.difference(model, state.q, q)
+        torque = self.regressors.torque
+        return [torque(*point, check=False) for point in self.points(state.q, state.v, q, v, dt)]
+
+    def points(self, q0: np.ndarray, v0: np.ndarray, q: np.ndarray, v: np.ndarray, dt: float) -> list[Any]:
+        """(q, v, a) at Gauss's two points of the path from (q0, v0) to (q, v), dt [s] later."""
+        model = self.regressors.robot.model
+        moved = pin.difference(model, q0, q)
         if self.interpolation == "linear":
-            *ways, one, two, slope = path_points(GAUSS, moved, state.v, v, dt)
-            rates = ((one, slope), (two, slope))
+            *ways, one, two, slope = path_points(GAUSS, moved, v0, v, dt)
+            rates: Any = ((one, slope), (two, slope))
         else:
-            ways, rates = self._bent_path(moved, state.v, v, dt)
-        return [
-            torque(pin.integrate(model, state.q, way), *rate, check=False)
-            for way, rate in zip(ways, rates, strict=True)
-        ]
+            ways, rates = self._bent_path(moved, v0, v, dt)
+        return [(pin.integrate(model, q0, way), *rate) for way, rate in zip(ways, rates, strict=True)]
 
     def _bent_path(self, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float) -> Any:
         """Offsets from the first position, and (velocity, acceleration), at Gauss's points of a cubic

@@ -112,6 +112,11 @@ class Regressors:
         return self._standard.parameters
 
     @property
+    def rotor_joints(self) -> np.ndarray:
+        """The joints whose rotors stand behind the bodies in the standard parameters."""
+        return self._standard.rotors
+
+    @property
     def rank_gap(self) -> float:
         """By which factor the singular values drop behind the rank of the base."""
         return self.basis.rank_gap

@@ -113,3 +113,13 @@ class StandardRegressors:
     def _with_rotors(self, bodies: np.ndarray, a: np.ndarray) -> np.ndarray:
         """(nv, s)"""
         return np.hstack([bodies, self._rotor_columns * a[:, None]]) if len(self.rotors) else bodies
+
+
+def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
+    """(4, 4) pseudo-inertia [[S, m c], [m c', m]] of a body's ten parameters in the order above, S the second
+    moments of its mass; positive definite for a body that can be."""
+    inertia = np.zeros((3, 3))
+    inertia[np.tril_indices(3)] = parameters[4:]
+    inertia = inertia + np.tril(inertia, -1).T
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return np.block([[second, parameters[1:4, None]], [parameters[None, 1:4], parameters[:1, None]]])

@@ -30,6 +30,7 @@ from eladapt.robot.space import Space
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 from eladapt.urdf.assets import MeshUse
+from eladapt.urdf.editing import Edits
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,7 @@ class Robot:
     mend: bool = False  # whether bodies that are not physical were mended when the file was read
     density: float | None = None  # [kg/m^3] of links that were weighed by their shapes
     weighed: Mapping[str, pin.Inertia] = field(default_factory=dict)  # those links, each in its own frame
+    edits: Edits | None = None  # what is another than in the file
     _space: Space = field(init=False, repr=False)
     _scratch: Scratch[pin.Data] = field(init=False, repr=False)
 
@@ -88,6 +90,7 @@ class Robot:
         gravity: Sequence[float] | np.ndarray | None = None,
         mend: bool = False,
         density: float | None = None,
+        edits: Edits | None = None,
     ) -> Robot:
         """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
 
@@ -102,15 +105,17 @@ class Robot:
         ``home`` defaults to the neutral posture, clipped to the limits, and ``target`` to home.
         ``mend`` takes the nearest physical inertia for bodies whose principal moments no body has, and
         warns of each change; without it they are refused. ``density`` [kg/m^3] weighs moving links that have
-        no <inertial> by their shapes, see `weigh`.
+        no <inertial> by their shapes, see `weigh`. ``edits``: inertias, friction and rotors in place of the
+        file's, see `Edits`; a file gives rotors itself as <dynamics armature="...">.
         Raises UrdfError with every fault found, and UnknownNameError for a joint, frame or limit
         that does not exist.
         """
         path = Path(path)
         density = None if density is None else require_number("density", density, 0)
         read = read_robot(
-            path, package_dirs, locked, armature=armature or {}, gravity=gravity, mend=mend, density=density
-        )
+            path, package_dirs, locked, armature=armature or {}, gravity=gravity, mend=mend, density=density,
+            edits=None if edits is None else Edits(*edits),
+        )  # fmt: skip
         model = read.model
         if tool is not None:
             frame_index(model, tool)
@@ -128,9 +133,24 @@ class Robot:
             mend=mend,
             density=density,
             weighed=read.weighed,
+            edits=None if edits is None else Edits(*edits),
             home=home,
             target=np.array(home if target is None else require_vector("target", target, model.nv)),
         )
+
+    def edited(self, edits: Edits) -> Robot:
+        """The same with other inertias, friction and rotors; those of earlier edits stay where these are
+        silent."""
+        before = self.edits or Edits()
+        joints = {**before.dynamics, **edits.dynamics}
+        merged = Edits(
+            {**before.inertials, **edits.inertials},
+            {name: {**before.dynamics.get(name, {}), **edits.dynamics.get(name, {})} for name in joints},
+        )
+        options = {**self._options(), "edits": merged, "mend": False, "density": None}
+        given = {name for name, values in merged.dynamics.items() if "armature" in values}
+        options["armature"] = {n: a for n, a in options["armature"].items() if n not in given}
+        return Robot.from_urdf(options.pop("urdf"), **options)
 
     @classmethod
     def load(cls, name: str) -> Robot:
@@ -263,7 +283,7 @@ class Robot:
 
     def document(self) -> Element:
         """The URDF's <robot> element, read again, with locked joints held and links weighed."""
-        return read_document(self.path, self.locked, self.weighed)
+        return read_document(self.path, self.locked, self.weighed, self.edits)
 
     def visual_model(self) -> tuple[pin.GeometryModel, dict[str, MeshUse]]:
         """The URDF's visuals, attached to the joints that are left, and the meshes among them by name.
@@ -279,6 +299,10 @@ class Robot:
             listed = Robot.load(self.name)
             if listed.model == self.model and listed._beside_the_model() == self._beside_the_model():
                 return {"load": self.name}
+        return self._options()
+
+    def _options(self) -> dict[str, Any]:
+        """`from_urdf`'s, the path as "urdf"; plain JSON types."""
         armature = {n: float(a) for n, a in zip(self.joint_names, self.armature, strict=True) if a}
         return {
             "urdf": str(self.path),
@@ -289,6 +313,7 @@ class Robot:
             "gravity": self.model.gravity.linear.tolist(),
             "mend": self.mend,
             "density": self.density,
+            "edits": self.edits and list(self.edits),
             **self._beside_the_model(),
         }
 

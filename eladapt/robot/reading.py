@@ -24,10 +24,12 @@ from eladapt.robot import library
 from eladapt.robot.joint_limits import clipped_neutral, too_heavy
 from eladapt.robot.rotors import assume_rotors
 from eladapt.urdf.assets import MeshUse, set_meshes_aside
-from eladapt.urdf.checks import check_model, check_urdf, read_urdf
+from eladapt.urdf.checks import Checked, check_model, check_urdf, read_urdf
+from eladapt.urdf.editing import Edits
 from eladapt.urdf.holding import hold
 from eladapt.urdf.mending import mend as mended
 from eladapt.urdf.sizes import misplaced_masses
+from eladapt.urdf.tree import MOVING, child_value
 from eladapt.urdf.weighing import add_inertials, weigh
 
 LINK = "\x1f"  # after a name: a character that no XML file can have
@@ -50,18 +52,19 @@ def read_robot(
     gravity: Sequence[float] | np.ndarray | None,
     mend: bool,
     density: float | None,
+    edits: Edits | None = None,
 ) -> Read:
     """The model of a file, checked before and after Pinocchio read it; see `Robot.from_urdf`.
 
     What was mended or assumed, and what looks like other units, is warned of where `Robot.from_urdf` was
     called.
     """
-    checked, weighed = check_urdf(path, locked), {}
+    checked, weighed = check_urdf(path, locked, edits), {}
     if density is not None:
         weighed = weigh(checked.root, checked.locked, density, path, package_dirs)
         add_inertials(checked.root, weighed)
     model, _ = lock(read_model(checked.root, path), checked.locked)
-    for joint, inertia in armature.items():
+    for joint, inertia in {**_rotors(checked), **armature}.items():
         model.armature[velocity_index(model, joint)] = inertia
     if gravity is not None:
         model.gravity = pin.Motion(require_vector("gravity", gravity, 3), np.zeros(3))
@@ -75,9 +78,21 @@ def read_robot(
     return Read(model, checked.locked, weighed)
 
 
-def read_document(path: Path, locked: Sequence[str], weighed: Mapping[str, pin.Inertia]) -> Element:
-    """The <robot> element of a file that was read before, with the same joints held and links weighed."""
-    root = read_urdf(path)
+def _rotors(checked: Checked) -> dict[str, float]:
+    """Rotor inertias [kg m^2] that the file itself gives, by joint: <dynamics armature="...">."""
+    given = {
+        joint.get("name", ""): child_value(joint, "dynamics", "armature", "")
+        for joint in checked.root.findall("joint")
+        if joint.get("type") in MOVING and joint.get("name", "") not in checked.locked
+    }
+    return {name: float(text) for name, text in given.items() if text}
+
+
+def read_document(
+    path: Path, locked: Sequence[str], weighed: Mapping[str, pin.Inertia], edits: Edits | None = None
+) -> Element:
+    """The <robot> element of a file read before, with the same edits, joints held and links weighed."""
+    root = read_urdf(path, edits)
     hold(root, locked)
     add_inertials(root, weighed)
     return root

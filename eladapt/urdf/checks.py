@@ -22,6 +22,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from eladapt.errors import Finding, UrdfError
+from eladapt.urdf.editing import Edits, edited
 from eladapt.urdf.holding import held_joints, hold
 from eladapt.urdf.numbers import NUMBERS, number_findings, parts
 from eladapt.urdf.tree import joints, listed, mimics, names, tree
@@ -45,13 +46,15 @@ SINGULAR = 1e-9
 POSTURES = 50
 
 
-def read_urdf(path: str | Path) -> Element:
+def read_urdf(path: str | Path, edits: Edits | None = None) -> Element:
     """The <robot> element of a file from outside, read without entities and within bounds of size.
+
+    edits: what of it is to be another than in the file.
 
     Raises UrdfError for what is not a file, not XML, not a <robot>, or too large for a reader.
     """
     path = Path(path)
-    root = _parse_xml(path, _read_bytes(path))
+    root = _parse_xml(path, edited_urdf(path, edits) if edits else _read_bytes(path))
     for element in root.iter():
         for held in NUMBERS.get(element.tag, ()):  # blanks around numbers, tabs between, that others read
             if (text := element.get(held.attribute)) is not None:
@@ -65,6 +68,13 @@ def read_urdf(path: str | Path) -> Element:
     return root
 
 
+def edited_urdf(path: str | Path, edits: Edits) -> bytes:
+    """The file's text, with these edits and otherwise as it is. Raises UrdfError as `read_urdf`."""
+    text = _as_utf8(_read_bytes(Path(path)))
+    _parse_xml(Path(path), text)
+    return edited(text, edits)
+
+
 class Checked(NamedTuple):
     """A robot file that was found sound: its <robot> element, and the joints in it that are held."""
 
@@ -72,14 +82,14 @@ class Checked(NamedTuple):
     locked: tuple[str, ...]
 
 
-def check_urdf(path: str | Path, locked: Iterable[str] = ()) -> Checked:
+def check_urdf(path: str | Path, locked: Iterable[str] = (), edits: Edits | None = None) -> Checked:
     """Refuse a URDF that is not a fixed-base tree of 1-DoF joints with finite numbers throughout.
 
     ``locked`` names the joints that are held, see `held_joints`; they are judged as such, and the element
     that is returned has them as `hold` leaves them. Raises UnknownNameError, and UrdfError with every fault
     found; each names the element, the value and what to do.
     """
-    root = read_urdf(path)
+    root = read_urdf(path, edits)
     if unexpanded := list(_unexpanded(root)):  # what else such a file holds is not what it will hold
         raise UrdfError(path, unexpanded)
     held = held_joints(root, locked)

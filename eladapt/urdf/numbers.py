@@ -43,6 +43,7 @@ NUMBERS = {
     "dynamics": (
         Number("damping", least=0.0, size_limit=1e9),
         Number("friction", least=0.0, size_limit=1e9),
+        Number("armature", least=0.0, size_limit=1e9),  # of no standard: a rotor's inertia behind its gear
     ),
     "mimic": (Number("multiplier"), Number("offset")),
     "box": (Number("size", 3),),
@@ -99,7 +100,7 @@ def _elements(label: str, part: Element) -> Iterator[Finding]:
             if not counts[tag]:
                 remedy = "Add it, or remove <inertial> if the link has no mass"
                 yield Finding(f"{label} <{tag}>", "missing", "needed beside the other", remedy)
-    if part.tag == "dynamics" and not {"damping", "friction"} & part.attrib.keys():
+    if part.tag == "dynamics" and not {"damping", "friction", "armature"} & part.attrib.keys():
         yield Finding(label, "empty", "expected damping or friction", "Give one, or remove the element")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from eladapt.errors import Finding, MeshError, UrdfError
 from eladapt.meshes.mesh import read_mesh
 from eladapt.urdf.assets import Folders
+from eladapt.urdf.editing import inertial_text
 from eladapt.urdf.holding import moving_links
 from eladapt.urdf.numbers import label_of, parse
 from eladapt.urdf.tree import child_value
@@ -55,11 +56,7 @@ def add_inertials(root: Element, weighed: Mapping[str, pin.Inertia]) -> None:
     for link in root.findall("link"):
         if (body := weighed.get(link.get("name", ""))) is None:
             continue
-        inertial = SubElement(link, "inertial")
-        SubElement(inertial, "origin", xyz=" ".join(repr(float(x)) for x in body.lever))
-        SubElement(inertial, "mass", value=repr(float(body.mass)))
-        keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-        SubElement(inertial, "inertia", {key: repr(float(body.inertia[at])) for key, at in keys.items()})
+        link.append(fromstring(inertial_text(body)))
 
 
 def _placement(shape: Element) -> pin.SE3:

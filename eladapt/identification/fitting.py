@@ -1,0 +1,122 @@
+"""Weighted least squares on the rows of a log, with standard deviations that its residuals justify."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from eladapt.errors import ArgumentError
+from eladapt.identification.rows import OVERLAP, Rows
+
+ROUNDS = 8  # of weighting each joint's rows by the noise that they turn out to have; 3 are typical
+STEADY = 1e-3  # relative change of the noise at which they end
+CORRELATED = 4  # windows, over which residuals are taken to be alike
+DOUBT = 0.1  # of the typical torque: what a direction's torque may be wrong by, and count as told
+DUST = 1e-10  # relative: below, a direction is not seen at all
+LEAST_NOISE = 1e-9  # of the typical torque
+NAMED = 0.2  # of a direction's largest part: what is named of it
+
+
+class Fit(NamedTuple):
+    """theta (l,) with its covariance, and what of it the rows do not tell."""
+
+    theta: np.ndarray  # (l,) where the log does not tell, the start's
+    covariance: np.ndarray  # (l, l) within what is told
+    noise: np.ndarray  # (nv,) [N m] RMS of the residuals, by joint
+    triangle: np.ndarray  # (l, l) upper triangle T, T'T the inverse of the covariance within what is told
+    untold: np.ndarray  # (k, l) orthonormal directions of theta that the log does not tell
+
+
+def fit(rows: Rows, start: np.ndarray) -> Fit:
+    """theta of the rows, nearest ``start`` (l,) in the directions that they do not tell.
+
+    Each joint's rows are weighted by the noise that they turn out to have, in rounds. Noise of a log is not
+    white (windows overlap, and what a model lacks lasts), nor independent between joints. So the covariance
+    is F S F, F = (sum omega' omega)^-1 of weighted rows and S = sum over lags k of omega(t)' C(k)
+    omega(t + k), C(k) the covariance of the residuals, which fades with the lag as Bartlett's window does
+    (Newey and West, 1987), and grows by what the fit took of the residuals. Raises ArgumentError where fewer
+    rows hold than there are parameters.
+    """
+    _, y, omega, holds = rows
+    counts, size = holds.sum(axis=0), len(start)
+    if counts.sum() < size:
+        raise ArgumentError(
+            f"log: {counts.sum()} rows in which a joint moves, for {size} parameters: it is too short, or "
+            "most of it is at rest. Record a motion in which every joint moves (see `excitation`)"
+        )
+    typical = float(np.sqrt(np.sum(y**2) / counts.sum()))
+    noise = np.full(len(counts), typical)
+    for _ in range(ROUNDS):
+        change, singular, right = _least_squares((y - omega @ start) / noise, omega / noise[:, None], typical)
+        theta = start + change
+        residual = np.where(holds, y - omega @ theta, 0.0)
+        free = np.maximum(1.0, counts * (1 - size / counts.sum()))
+        before, noise = noise, np.sqrt(np.sum(residual**2, axis=0) / free)
+        noise = np.where(counts > 0, np.maximum(noise, LEAST_NOISE * typical), typical)
+        if np.abs(noise / before - 1).max() < STEADY:
+            break
+    spread = right @ _spread(residual / noise, omega / noise[:, None], holds, len(singular)) @ right.T
+    core = spread / np.multiply.outer(singular**2, singular**2)
+    values, vectors = np.linalg.eigh(core)
+    values = np.maximum(values, DUST * values.max())
+    covariance = right.T @ (vectors * values) @ vectors.T @ right
+    root = np.zeros((size, size))
+    root[: len(values)] = (vectors / np.sqrt(values)).T @ right
+    untold = np.linalg.svd(right)[2][len(right) :]
+    return Fit(theta, covariance, noise, _triangle(root), untold)
+
+
+def _least_squares(
+    y: np.ndarray, omega: np.ndarray, typical: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The least change (l,), and the singular values (k,) and directions (k, l) that are told."""
+    size = omega.shape[-1]
+    stacked = np.column_stack([omega.reshape(-1, size), y.ravel()])
+    triangle = _triangle(stacked)
+    left, singular, right = np.linalg.svd(triangle[:size, :size])
+    told = (singular > DUST * singular[0]) & (singular > 1 / (DOUBT * typical))
+    along = left.T @ triangle[:size, size]
+    return right[told].T @ (along[told] / singular[told]), singular[told], right[told]
+
+
+def _triangle(rows: np.ndarray) -> np.ndarray:
+    return np.asarray(scipy.linalg.qr(rows, mode="r")[0][: rows.shape[1]])
+
+
+def _spread(residual: np.ndarray, omega: np.ndarray, holds: np.ndarray, told: int) -> np.ndarray:
+    """(l, l) S of `fit`, of weighted rows."""
+    n, nv, size = omega.shape
+    flat = omega.reshape(n, nv * size)
+    lags = min(CORRELATED * OVERLAP, n - 1)
+    total, lasting = np.zeros((size, size)), 1.0
+    variance = 1.0
+    for lag in range(lags + 1):
+        pairs = holds[: n - lag].astype(float).T @ holds[lag:]
+        alike = (residual[: n - lag].T @ residual[lag:]) / np.maximum(pairs, 1)
+        alike *= 1 - lag / (lags + 1)
+        ahead = np.einsum("ij,njk->nik", alike, omega[lag:], optimize=True).reshape(-1, size)
+        part = flat[: n - lag].reshape(-1, size).T @ ahead
+        total += part if lag == 0 else part + part.T
+        if lag == 0:
+            variance = max(float(np.trace(alike)), 1e-300)
+        else:
+            lasting += 2 * float(np.trace(alike)) / variance
+    independent = holds.sum() / max(lasting, 1.0)
+    return total / max(1 - told / max(independent, 1.0), 0.1)
+
+
+def directions(untold: np.ndarray, labels: tuple[str, ...]) -> tuple[str, ...]:
+    """The directions (k, l) of theta in words, in a basis that shares as few terms as possible."""
+    if not len(untold):
+        return ()
+    triangle, pivots = scipy.linalg.qr(untold, mode="r", pivoting=True)
+    k = len(untold)
+    reduced = np.zeros_like(untold)
+    reduced[:, pivots] = scipy.linalg.solve_triangular(triangle[:, :k], triangle)
+    said = []
+    for row in reduced[np.argsort(pivots[:k])]:
+        main = [i for i in np.argsort(-np.abs(row), kind="stable") if abs(row[i]) > NAMED][:3]
+        said.append(" with ".join(labels[i] for i in main))
+    return tuple(said)

@@ -1,0 +1,211 @@
+"""What a log told: parameters, how sure they are, how well they predict, and the robot with them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from eladapt.errors import ArgumentError, EladaptError, printable
+from eladapt.estimation.extensions import Information
+from eladapt.estimation.friction import DOUBT, LEAST_SIZE, FrictionEstimate
+from eladapt.estimation.payload import PayloadEstimate, estimate_payload
+from eladapt.files import atomic_write
+from eladapt.identification.fitting import Fit
+from eladapt.identification.prediction import Errors, Torques
+from eladapt.identification.rows import Column
+from eladapt.regressors.joint_terms import FRICTION_TERMS
+from eladapt.regressors.regressors import Regressors
+from eladapt.robot.model import Robot
+from eladapt.urdf.checks import edited_urdf
+from eladapt.urdf.editing import Edits
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified:
+    """The parameters of ``original`` that a log tells, ``theta`` (l,), with the labels of its regressors.
+
+    Columns of one's own stand behind theta's. ``untold``: the directions of theta, in words, that the log
+    does not tell; there theta is the URDF's. ``physical`` (l,): the theta of bodies that can be, and
+    ``parameters`` (s,) their standard parameters. ``errors``: of predicted torques, by name of the
+    parameters, on the part of the log that was held out (on all of it where none was).
+    """
+
+    original: Robot
+    regressors: Regressors
+    fit: Fit
+    labels: tuple[str, ...]
+    untold: tuple[str, ...]
+    physical: np.ndarray | None = None
+    parameters: np.ndarray | None = None
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    errors: Mapping[str, Errors] = field(default_factory=dict)
+    torques: Torques | None = None
+    held_out: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(l,) by weighted least squares."""
+        return self.fit.theta
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(l, l) of theta, within what the log tells."""
+        return self.fit.covariance
+
+    @functools.cached_property
+    def std(self) -> np.ndarray:
+        """(l,) standard deviations of theta; inf for a parameter that the log does not tell."""
+        part = np.linalg.norm(self.fit.untold, axis=0) if len(self.fit.untold) else np.zeros(len(self.theta))
+        return np.where(part > UNTOLD, np.inf, np.sqrt(np.diag(self.covariance)))
+
+    @functools.cached_property
+    def friction(self) -> FrictionEstimate:
+        """Viscous and Coulomb friction and offset of every joint, in physical units."""
+        values, std, known = (np.full((3, self.original.nv), np.nan) for _ in range(3))
+        for k, name in enumerate(FRICTION_TERMS):
+            block = self.regressors.block(name)
+            if block.stop > block.start:
+                scale = self.regressors.scale[block]
+                values[k], std[k] = self.theta[block] / scale, self.std[block] / scale
+                known[k] = std[k] < DOUBT * max(LEAST_SIZE, float(np.abs(values[k]).max()))
+        return FrictionEstimate(values[0], values[1], values[2], std, known == 1)
+
+    @functools.cached_property
+    def robot(self) -> Robot:
+        """The robot with the physical parameters: bodies, rotors, viscous and Coulomb friction.
+
+        Offsets and columns of one's own have no place in a robot. Raises EladaptError without physical
+        parameters.
+        """
+        return self.original.edited(self._edits)
+
+    @functools.cached_property
+    def merged(self) -> tuple[str, ...]:
+        """Which links' inertias now stand in the link that carries them, a sentence each."""
+        return tuple(
+            f"{carrier} holds the inertia of {', '.join(others)} too, which move{'s' * (len(others) == 1)} "
+            "with it"
+            for carrier, others in self._bodies.values()
+            if others
+        )
+
+    def save_urdf(self, path: str | Path) -> Path:
+        """Write the robot's file with the physical parameters, otherwise as it was, comments too.
+
+        The inertias of links that joints do not move apart are one, and stand in the link that the others
+        hang on (``merged`` names them). Rotors are in <dynamics armature="..."> [kg m^2], which this library
+        reads. Meshes with a relative path are found only beside the original. Raises EladaptError without
+        physical parameters.
+        """
+        path = Path(path)
+        text = edited_urdf(self.original.path, self.robot.edits or Edits())
+        with atomic_write(path) as temporary:
+            temporary.write_bytes(text)
+        return path
+
+    def load_since(self, before: Identified, frame: str | None = None) -> PayloadEstimate:
+        """The load that hangs on the arm here and did not ``before``, in ``frame`` (the tool if None).
+
+        Friction and offsets may have changed too: a load changes them. Raises ArgumentError for another
+        arm's parameters.
+        """
+        if before.labels != self.labels:
+            raise ArgumentError("before: expected parameters of the same robot, with the same terms")
+        after_information, before_information = self._information, before._information
+        size = len(self.regressors)
+        return estimate_payload(
+            self.regressors, before.theta[:size], self.theta[:size], after_information, before_information,
+            variance=1.0, frame=frame,
+        )  # fmt: skip
+
+    def report(self, path: str | Path) -> Path:
+        """Write one page: torques measured and predicted, errors, parameters before and after."""
+        from eladapt.display.identification_report import identification_report
+
+        return identification_report(self, path)
+
+    def __repr__(self) -> str:
+        return f"Identified({self.original.name}: {len(self.theta)} parameters, {len(self.untold)} not told)"
+
+    def __str__(self) -> str:
+        lines = [repr(self)]
+        if self.errors:
+            of = f"the last {self.held_out:.0%}, held out" if self.held_out else "the log itself"
+            names = [printable(name) for name in self.original.joint_names]
+            wide = max(10, *map(len, self.errors))
+            lines.append(f"torque error [%] on {of}: sample by sample below 10 Hz, and filtered")
+            lines.append(" " * wide + "".join(f" {name[-10:]:>11}" for name in (*names, "all")))
+            for name, errors in self.errors.items():
+                for kind, values in errors._asdict().items():
+                    cells = "".join(f" {100 * value:11.2f}" for value in values)
+                    lines.append(f"{name:{wide}}{cells} {kind}")
+        lines += [f"not told by the log: {said}" for said in self.untold]
+        lines += self.notes
+        return "\n".join(lines)
+
+    @property
+    def _information(self) -> Information:
+        """What is known of the bodies alone, whatever friction and the like are; in standard deviations."""
+        size = len(self.regressors)
+        others = np.setdiff1d(np.arange(len(self.theta)), self.regressors.inertial)
+        order = np.concatenate([others, self.regressors.inertial])
+        triangle = scipy.linalg.qr(self.fit.triangle[:, order], mode="r")[0]
+        bodies = triangle[len(others) :, len(others) :]
+        whole = np.zeros((size + 1, size + 1))
+        whole[: len(bodies), self.regressors.inertial] = bodies
+        return Information(whole, 0.0)
+
+    @functools.cached_property
+    def _bodies(self) -> dict[str, tuple[str, list[str]]]:
+        """By joint, the link that it moves and those that hang on that one without a joint between."""
+        model, found = self.original.model, {}
+        children = {
+            joint.get("name", ""): joint.find("child").get("link", "")  # type: ignore[union-attr]
+            for joint in self.original.document().findall("joint")
+        }
+        for k, joint in enumerate(self.original.joint_names, 1):
+            links = [f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == k]
+            found[joint] = (children[joint], [link for link in links if link != children[joint]])
+        return found
+
+    @functools.cached_property
+    def _edits(self) -> Edits:
+        if self.parameters is None or self.physical is None:
+            raise EladaptError("found: there are no physical parameters; identify(..., physical=True)")
+        regressors, physical = self.regressors, self.physical
+        inertials: dict[str, list[float] | None] = {}
+        dynamics: dict[str, dict[str, float]] = {name: {} for name in self.original.joint_names}
+        for k, (carrier, others) in enumerate(self._bodies.values()):
+            inertials[carrier] = [float(x) for x in self.parameters[10 * k : 10 * k + 10]]
+            inertials |= dict.fromkeys(others)
+        rotors = self.parameters[10 * self.original.nv :]
+        for joint, rotor in zip(regressors.rotor_joints, rotors, strict=True):
+            dynamics[self.original.joint_names[joint]]["armature"] = max(0.0, float(rotor))
+        for term, key in (("viscous", "damping"), ("coulomb", "friction")):
+            block = regressors.block(term)
+            for joint, value in zip(dynamics, physical[block] / regressors.scale[block], strict=False):
+                dynamics[joint][key] = max(0.0, float(value))
+        return Edits(inertials, dynamics)
+
+
+UNTOLD = 0.01  # of a parameter in directions that are not told
+
+
+def plain_labels(found: Identified) -> list[dict[str, Any]]:
+    """A row for each parameter: name, before, after, standard deviation, and the physical one."""
+    start = np.concatenate([found.regressors.theta, np.zeros(len(found.columns))])
+    physical = found.physical if found.physical is not None else np.full(len(start), np.nan)
+    return [
+        {"name": label, "before": before, "after": after, "std": std, "physical": last}
+        for label, before, after, std, last in zip(
+            found.labels, start, found.theta, found.std, physical, strict=True
+        )
+    ]

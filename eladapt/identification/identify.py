@@ -1,0 +1,128 @@
+"""From a log to parameters: the command of this room."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from eladapt.control.reports import SEEN
+from eladapt.errors import ArgumentError, LogWarning, require_number
+from eladapt.estimation.extensions import Information
+from eladapt.identification.fitting import Fit, directions, fit
+from eladapt.identification.found import Identified
+from eladapt.identification.log import Log
+from eladapt.identification.log_check import remarks
+from eladapt.identification.prediction import errors_of, torques_of
+from eladapt.identification.rows import Column, rows_of
+from eladapt.regressors.joint_terms import JOINT_TERMS
+from eladapt.regressors.regressors import Regressors
+from eladapt.robot.model import Robot
+
+WINDOW = 0.2  # [s] of one average; on a real Panda's log 0.1 to 0.4 s are right within 0.05 %
+STICTION_SPEED = 0.01  # [rad/s]
+CORRELATION = 0.1  # [s] of what disturbs a controller's filtered rows: 2 / pole
+TURNING_SPEED = 0.05  # [rad/s] over which Coulomb friction turns round where torques are predicted
+
+
+def identify(
+    robot: Robot,
+    log: Log | Any,
+    *,
+    held_out: float = 0.3,
+    columns: Mapping[str, Column] | None = None,
+    joint_terms: Sequence[str] = JOINT_TERMS,
+    physical: bool = True,
+    window: float = WINDOW,
+    stiction_speed: float = STICTION_SPEED,
+    progress: bool = True,
+) -> Identified:
+    """The parameters of a robot from a log of its motion, or from a controller's state; no acceleration.
+
+    log: a `Log`, whose last part (``held_out``, a share of its time) only judges; or the state of a
+    `CompositeController` of this robot, behind a gate or not, for what it has learned so far.
+
+    Its rows are the force balance over windows of ``window`` [s], without those in which a joint may stick
+    (at most ``stiction_speed`` [rad/s]); they are weighted by the noise that they turn out to have. Where the
+    log does not tell, the URDF's values stay, and ``found.untold`` names what they are. joint_terms: see
+    `Regressors`. columns: torques beside those, by name: functions of joint coordinates, velocities and
+    accelerations (nv,) that give what a unit of the parameter makes in each joint (nv,); for example
+    {"viscous(5 with 6)": lambda q, v, a: ...}. physical: also find the physical parameters nearest the URDF's
+    that fit as well (extra ``identify``), which `Identified.robot` and `Identified.save_urdf` need.
+
+    Warns (LogWarning) of what looks wrong in the log. Raises ArgumentError for a log at rest, without torque,
+    or with fewer rows than parameters; UnknownNameError for joints that it does not have.
+    """
+    regressors = Regressors(robot, joint_terms=joint_terms)
+    regressors.coulomb_speed = TURNING_SPEED
+    own = dict(columns or {})
+    labels = (*regressors.labels, *own)
+    if not isinstance(log, Log):
+        if own:
+            raise ArgumentError("columns: a controller's state knows nothing of them; leave them out")
+        found = _learned(regressors, log)
+        return _identified(robot, regressors, found, labels, own, physical)
+    log = log.of(robot)
+    if not np.any(log.tau):
+        raise ArgumentError("log: its torques are all zero; say which columns are torques, or give gains=")
+    told = remarks(log, robot)
+    for remark in told:
+        warnings.warn(f"log of {robot.name}: {remark}", LogWarning, stacklevel=2)
+    window = require_number("window", window, 2 * log.dt)
+    speed = require_number("stiction_speed", stiction_speed, 0, closed=True)
+    first, last = log.parts(held_out)
+    rows = rows_of(first, regressors, own, window=window, stiction_speed=speed, progress=progress)
+    start = np.concatenate([regressors.theta, np.zeros(len(own))])
+    found = fit(rows, start)
+    whole = _identified(robot, regressors, found, labels, own, physical)
+    judged = first if last is None else last
+    if last is not None:
+        rows = rows_of(judged, regressors, own, window=window, stiction_speed=speed, progress=progress)
+    torques = torques_of(judged, regressors, own)
+    by = {"URDF": start, "identified": found.theta}
+    if whole.physical is not None:
+        by["physical"] = whole.physical
+    return dataclasses.replace(
+        whole, errors={name: errors_of(rows, torques, theta) for name, theta in by.items()},
+        torques=torques, held_out=held_out, notes=(*log.notes, *told),
+    )  # fmt: skip
+
+
+def _identified(
+    robot: Robot, regressors: Regressors, found: Fit, labels: tuple[str, ...], own: Mapping[str, Column],
+    physical: bool,
+) -> Identified:  # fmt: skip
+    parameters, theta = None, None
+    if physical:
+        from eladapt.identification.physical import physical_parameters
+
+        parameters, theta = physical_parameters(regressors, found.theta, found.triangle, len(own))
+    return Identified(
+        robot, regressors, found, labels, directions(found.untold, labels), physical=theta,
+        parameters=parameters, columns=dict(own),
+    )  # fmt: skip
+
+
+def _learned(regressors: Regressors, state: Any) -> Fit:
+    """What a controller's state knows: its parameters, and the information that they rest on."""
+    information = getattr(state, "information", None)
+    size = len(regressors)
+    if not isinstance(information, Information) or np.shape(state.parameters) != (size,):
+        raise ArgumentError(
+            f"log: expected a Log, or the state of a CompositeController of {regressors.robot.name} that "
+            f"learns {size} parameters, got {type(state).__name__}"
+        )
+    triangle, prior = information.triangle[:size, :size], information.prior
+    values, vectors = np.linalg.eigh(triangle.T @ triangle - prior * np.eye(size))
+    told = values > SEEN * prior
+    variance = CORRELATION * float(information.variance) if information.weight else 1.0
+    along = vectors[:, told].T
+    root = np.zeros((size, size))
+    root[: len(along)] = np.sqrt(values[told] / variance)[:, None] * along
+    return Fit(
+        information.completed(state.parameters), (along.T * (variance / values[told])) @ along,
+        np.full(regressors.robot.nv, np.sqrt(variance)), root, vectors[:, ~told].T,
+    )  # fmt: skip
