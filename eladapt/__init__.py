@@ -21,6 +21,9 @@ from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
 from eladapt.hardware.timing import Timing
 from eladapt.hardware.udp import UdpRobot
+from eladapt.identification.found import Identified
+from eladapt.identification.identify import identify
+from eladapt.identification.log import Log
 from eladapt.motion.excitation import Excitation, excitation
 from eladapt.motion.limits import MotionLimits
 from eladapt.motion.motions import Motion, move
@@ -44,7 +47,7 @@ from eladapt.theory.certificates import certify, settling_bounds
 from eladapt.theory.lyapunov import LyapunovFunctions
 
 if TYPE_CHECKING:
-    from eladapt.display.motions import plot_motion
+    from eladapt.display.motions import plot_log, plot_motion
     from eladapt.display.plots import plot
     from eladapt.display.report import report
     from eladapt.motion.reach import reach
@@ -68,11 +71,13 @@ __all__ = [
     "FrictionEstimate",
     "GatedController",
     "GatedState",
+    "Identified",
     "Information",
     "IntervalExcitation",
     "Kreisselmeier",
     "LeastSquares",
     "LiveView",
+    "Log",
     "LoopResult",
     "LyapunovFunctions",
     "MeasuredNoise",
@@ -108,6 +113,7 @@ __all__ = [
     "estimate_payload",
     "excitation",
     "friction",
+    "identify",
     "load_state",
     "measure_noise",
     "model_bounds",
@@ -115,6 +121,7 @@ __all__ = [
     "paper",
     "payload",
     "plot",
+    "plot_log",
     "plot_motion",
     "reach",
     "report",
@@ -134,6 +141,7 @@ _LATER = {
     "LiveView": "eladapt.viewing.live",
     "MujocoPlant": "eladapt.simulation.mujoco_plant",
     "plot": "eladapt.display.plots",
+    "plot_log": "eladapt.display.motions",
     "plot_motion": "eladapt.display.motions",
     "reach": "eladapt.motion.reach",
     "report": "eladapt.display.report",

@@ -162,7 +162,7 @@ class Log:
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Positions, velocities and torques of every joint; a matplotlib figure, saved if a path is given."""
-        from eladapt.display.logs import plot_log
+        from eladapt.display.motions import plot_log
 
         return plot_log(self, path)
 

@@ -28,8 +28,9 @@ except ImportError as reason:
 
 # How little the URDF counts: as much as a measurement of each entry of a pseudo-inertia, in units of the
 # URDF's own, with this standard deviation.
-PRIOR = 3.0
+PRIOR = 1.0
 LEAST = 1e-3  # of the URDF's pseudo-inertia, or of a typical one, that is left of a body
+NOTHING = 1e-7  # [kg m^2, N m s/rad, N m] of a rotor or friction: the solver's zero
 THIN = 1e-2  # of a body's size: how thin the URDF's may be, as a measure of what is near
 
 
@@ -86,6 +87,7 @@ def physical_parameters(
     near = np.vstack(prior) / PRIOR
     rows, wanted = np.vstack([triangle @ to_theta, near]), np.concatenate([triangle @ theta, near @ start])
     x = _solved(rows, wanted, blocks, cones)
+    x[positive] = np.where(x[positive] > NOTHING, x[positive], 0)
     return x[: len(nominal)], to_theta @ x
 
 

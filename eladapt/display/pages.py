@@ -1,0 +1,63 @@
+"""Pages that hold all they need, Bokeh's code included; their policy has the browser refuse any request."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from eladapt.display import tables
+from eladapt.errors import ArgumentError, EladaptError
+from eladapt.files import atomic_write
+from eladapt.viewing.page import POLICY
+
+try:
+    from bokeh.embed import file_html
+    from bokeh.layouts import column, gridplot
+    from bokeh.models import Div, TabPanel, Tabs
+    from bokeh.resources import INLINE
+except ImportError as reason:
+    raise EladaptError(
+        f'a report needs Bokeh, which is not installed ({reason}): pip install "eladapt[report]"'
+    ) from reason
+
+TEMPLATE = (
+    '{% block preamble %}<meta http-equiv="Content-Security-Policy" content="'
+    + POLICY
+    + '"><style>body { margin: 14px }</style>{% endblock %}'
+)
+WIDE: Any = {"sizing_mode": "stretch_width"}
+
+
+def require_page(path: str | Path) -> Path:
+    """The path, if it can be a page's. Raises ArgumentError."""
+    path = Path(path)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ArgumentError(f"path: expected a file name that ends in .html, got {str(path)!r}")
+    return path
+
+
+def write_page(path: Path, title: str, pages: Sequence[tuple[str, Any]]) -> Path:
+    """Write a page of tabs, whole or not at all; returns its path."""
+    heading = f"<h1 style='font-size: 22px; margin: 0'>{html.escape(title)}</h1>"
+    whole = column(words(heading), tabs(pages), **WIDE)
+    text = file_html(whole, INLINE, title=f"eladapt: {title}", template=TEMPLATE)
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def pairs(drawn: Sequence[Any]) -> Any:
+    """Charts, two a row."""
+    return gridplot(list(drawn), ncols=2, merge_tools=False, toolbar_options={"logo": None}, **WIDE)
+
+
+def tabs(pages: Sequence[tuple[str, Any]]) -> Any:
+    """A tab for each name."""
+    return Tabs(tabs=[TabPanel(title=name, child=child) for name, child in pages], **WIDE)
+
+
+def words(content: str) -> Any:
+    """HTML in the style of the tables."""
+    return Div(text=content, stylesheets=[tables.STYLE], disable_math=True, **WIDE)
