@@ -94,22 +94,25 @@ def physical_parameters(
 def _solved(
     rows: np.ndarray, wanted: np.ndarray, blocks: Sequence[tuple[np.ndarray, np.ndarray]], cones: list
 ) -> np.ndarray:
-    """x that minimises |rows x - wanted| with b - A x in the cones, for (A, b) in blocks."""
+    """x that minimises |rows x - wanted| with b - A x in the cones, for (A, b) in blocks.
+
+    What is left, r = rows x - wanted, is a variable of its own, so that nothing is squared.
+    """
     unit = 1 / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    scaled = rows * unit
-    quadratic = scipy.sparse.csc_matrix(np.triu(scaled.T @ scaled))
-    linear = -scaled.T @ wanted
-    constraints = scipy.sparse.csc_matrix(np.vstack([a * unit for a, _ in blocks]))
+    size, left = rows.shape[1], len(rows)
+    constraints = [np.hstack([rows * unit, -np.eye(left)])]
+    constraints += [np.hstack([a * unit, np.zeros((len(a), left))]) for a, _ in blocks]
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_iter = False, 500
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
     solver = clarabel.DefaultSolver(
-        quadratic, linear, constraints, np.concatenate([b for _, b in blocks]), cones, settings
-    )
+        scipy.sparse.block_diag([scipy.sparse.csc_matrix((size, size)), scipy.sparse.eye(left)], "csc"),
+        np.zeros(size + left), scipy.sparse.csc_matrix(np.vstack(constraints)),
+        np.concatenate([wanted, *(b for _, b in blocks)]), [clarabel.ZeroConeT(left), *cones], settings,
+    )  # fmt: skip
     found = solver.solve()
     if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
         raise EladaptError(f"no physical parameters found: the solver says {found.status}")
-    return np.array(found.x) * unit
+    return np.array(found.x[:size]) * unit
 
 
 def _measure(nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
