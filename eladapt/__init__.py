@@ -21,6 +21,7 @@ from eladapt.estimation.regressions import ForceBalance, PowerBalance
 from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
 from eladapt.hardware.timing import Timing
 from eladapt.hardware.udp import UdpRobot
+from eladapt.identification.currents import CurrentGains, current_gains
 from eladapt.identification.found import Identified
 from eladapt.identification.identify import identify
 from eladapt.identification.log import Log
@@ -61,6 +62,7 @@ __all__ = [
     "CompositeController",
     "CompositeLaw",
     "ControllerState",
+    "CurrentGains",
     "Determinant",
     "EladaptError",
     "Excitation",
@@ -110,6 +112,7 @@ __all__ = [
     "Unmixed",
     "carried",
     "certify",
+    "current_gains",
     "estimate_payload",
     "excitation",
     "friction",

@@ -23,6 +23,7 @@ EXAMPLES = """examples:
   eladapt check my_arm.urdf --package-dir my_ws/src --lock "finger_*"
   eladapt run panda --goal 0.7 -0.1 0.4 -1.7 0.5 2.1 1.4 --payload 2 --plant mujoco --view
   eladapt report out/panda.npz
+  eladapt identify panda log.csv --out identified.urdf --report identified.html
   eladapt doctor
 """
 
@@ -70,7 +71,7 @@ def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -
 
 
 def _parser() -> _Parser:
-    from eladapt.cli import checking, doctor, running
+    from eladapt.cli import checking, doctor, identifying, running
 
     parser = _Parser(
         prog="eladapt", epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -141,6 +142,38 @@ def _parser() -> _Parser:
     )
     run.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER",
                      help="for record (.npz), plot (.png) and report (.html) (default: out)")  # fmt: skip
+
+    identify = command(
+        "identify", identifying.identify,
+        "tell an arm's parameters from a log of its motion, and write its URDF",
+        "eladapt identify my_arm.urdf log.csv --out identified.urdf --report identified.html",
+    )  # fmt: skip
+    _robot(identify)
+    identify.add_argument(
+        "log", type=Path, metavar="LOG",
+        help="a table (.csv, .tsv, .txt), .npz, a record of `eladapt run`, or a ROS 2 bag",
+    )  # fmt: skip
+    identify.add_argument(
+        "--out", type=Path, metavar="URDF", help="write the robot's file with the new parameters"
+    )
+    identify.add_argument(
+        "--report", type=Path, metavar="PAGE", help="write a page of what was found (.html)"
+    )
+    identify.add_argument("--held-out", type=float, default=0.3, metavar="SHARE",
+                          help="the last part of the log, which only judges (default: 0.3)")  # fmt: skip
+    identify.add_argument("--column", action="append", default=[], metavar="QUANTITY=NAMES",
+                          help="which columns of a table are t, q, v, tau or current, as q='actual_q_*'; "
+                          "repeatable (default: by the words in the header)")  # fmt: skip
+    identify.add_argument("--joint", action="append", metavar="NAME",
+                          help="the joint of a column, in their order; repeatable (default: as the log says, "
+                          "or the robot's)")  # fmt: skip
+    identify.add_argument("--gains", type=_numbers, nargs="+", metavar="K",
+                          help="torque by current [N m/A], one a joint, of a log of currents")  # fmt: skip
+    identify.add_argument("--degrees", action="store_true", help="positions and velocities are in degrees")
+    identify.add_argument("--held", action="store_true",
+                          help="a torque acted over the whole step before its time, as commanded (default: "
+                          "measured at that time)")  # fmt: skip
+    identify.add_argument("--topic", metavar="NAME", help="of a ROS 2 bag with several of joint states")
 
     report = command(
         "report", running.report, "make one HTML page of a record, or a comparison of several",

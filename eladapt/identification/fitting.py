@@ -8,14 +8,15 @@ import numpy as np
 import scipy.linalg
 
 from eladapt.errors import ArgumentError
-from eladapt.identification.rows import OVERLAP, Rows
+from eladapt.identification.row_noise import noise_covariances
+from eladapt.identification.rows import Rows
 
 ROUNDS = 8  # of weighting each joint's rows by the noise that they turn out to have; 3 are typical
 STEADY = 1e-3  # relative change of the noise at which they end
-CORRELATED = 4  # windows, over which residuals are taken to be alike
 DOUBT = 0.1  # of the typical torque: what a direction's torque may be wrong by, and count as told
 DUST = 1e-10  # relative: below, a direction is not seen at all
-LEAST_NOISE = 1e-9  # of the typical torque
+LEAST_NOISE = 1e-6  # of the typical torque: what acceleration does within a step is not seen
+LEAST_VARIANCE = 1e-3  # of the largest, of combinations whose estimate came out smaller
 NAMED = 0.2  # of a direction's largest part: what is named of it
 
 
@@ -34,10 +35,9 @@ def fit(rows: Rows, start: np.ndarray) -> Fit:
 
     Each joint's rows are weighted by the noise that they turn out to have, in rounds. Noise of a log is not
     white (windows overlap, and what a model lacks lasts), nor independent between joints. So the covariance
-    is F S F, F = (sum omega' omega)^-1 of weighted rows and S = sum over lags k of omega(t)' C(k)
-    omega(t + k), C(k) the covariance of the residuals, which fades with the lag as Bartlett's window does
-    (Newey and West, 1987), and grows by what the fit took of the residuals. Raises ArgumentError where fewer
-    rows hold than there are parameters.
+    is F S F, F = (sum omega' omega)^-1 of weighted rows and S the sum over lags k of omega(t)' C(k)
+    omega(t + k), with C(k) of `noise_covariances`. Raises ArgumentError where fewer rows hold than there are
+    parameters.
     """
     _, y, omega, holds = rows
     counts, size = holds.sum(axis=0), len(start)
@@ -49,7 +49,7 @@ def fit(rows: Rows, start: np.ndarray) -> Fit:
     typical = float(np.sqrt(np.sum(y**2) / counts.sum()))
     noise = np.full(len(counts), typical)
     for _ in range(ROUNDS):
-        change, singular, right = _least_squares((y - omega @ start) / noise, omega / noise[:, None], typical)
+        change, told = _least_squares((y - omega @ start) / noise, omega / noise[:, None], typical)
         theta = start + change
         residual = np.where(holds, y - omega @ theta, 0.0)
         free = np.maximum(1.0, counts * (1 - size / counts.sum()))
@@ -57,54 +57,48 @@ def fit(rows: Rows, start: np.ndarray) -> Fit:
         noise = np.where(counts > 0, np.maximum(noise, LEAST_NOISE * typical), typical)
         if np.abs(noise / before - 1).max() < STEADY:
             break
-    spread = right @ _spread(residual / noise, omega / noise[:, None], holds, len(singular)) @ right.T
-    core = spread / np.multiply.outer(singular**2, singular**2)
-    values, vectors = np.linalg.eigh(core)
-    values = np.maximum(values, DUST * values.max())
-    covariance = right.T @ (vectors * values) @ vectors.T @ right
+    values, vectors = np.linalg.eigh(_spread(residual / noise, omega / noise[:, None], holds, told))
+    values = np.maximum(values, LEAST_VARIANCE * values.max())
+    half = (vectors * np.sqrt(values)).T / told.singular @ told.right  # covariance = half' half
     root = np.zeros((size, size))
-    root[: len(values)] = (vectors / np.sqrt(values)).T @ right
-    untold = np.linalg.svd(right)[2][len(right) :]
-    return Fit(theta, covariance, noise, _triangle(root), untold)
+    root[: len(values)] = (vectors / np.sqrt(values)).T * told.singular @ told.right
+    untold = np.linalg.svd(told.right)[2][len(told.right) :]
+    return Fit(theta, half.T @ half, noise, _triangle(root), untold)
 
 
-def _least_squares(
-    y: np.ndarray, omega: np.ndarray, typical: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The least change (l,), and the singular values (k,) and directions (k, l) that are told."""
+class _Told(NamedTuple):
+    """Singular values (k,) and directions (k, l) of weighted rows."""
+
+    singular: np.ndarray
+    right: np.ndarray
+
+
+def _least_squares(y: np.ndarray, omega: np.ndarray, typical: float) -> tuple[np.ndarray, _Told]:
+    """The least change (l,), and what is told."""
     size = omega.shape[-1]
     stacked = np.column_stack([omega.reshape(-1, size), y.ravel()])
     triangle = _triangle(stacked)
     left, singular, right = np.linalg.svd(triangle[:size, :size])
     told = (singular > DUST * singular[0]) & (singular > 1 / (DOUBT * typical))
     along = left.T @ triangle[:size, size]
-    return right[told].T @ (along[told] / singular[told]), singular[told], right[told]
+    return right[told].T @ (along[told] / singular[told]), _Told(singular[told], right[told])
 
 
 def _triangle(rows: np.ndarray) -> np.ndarray:
     return np.asarray(scipy.linalg.qr(rows, mode="r")[0][: rows.shape[1]])
 
 
-def _spread(residual: np.ndarray, omega: np.ndarray, holds: np.ndarray, told: int) -> np.ndarray:
-    """(l, l) S of `fit`, of weighted rows."""
-    n, nv, size = omega.shape
-    flat = omega.reshape(n, nv * size)
-    lags = min(CORRELATED * OVERLAP, n - 1)
-    total, lasting = np.zeros((size, size)), 1.0
-    variance = 1.0
-    for lag in range(lags + 1):
-        pairs = holds[: n - lag].astype(float).T @ holds[lag:]
-        alike = (residual[: n - lag].T @ residual[lag:]) / np.maximum(pairs, 1)
-        alike *= 1 - lag / (lags + 1)
-        ahead = np.einsum("ij,njk->nik", alike, omega[lag:], optimize=True).reshape(-1, size)
-        part = flat[: n - lag].reshape(-1, size).T @ ahead
+def _spread(residual: np.ndarray, omega: np.ndarray, holds: np.ndarray, told: _Told) -> np.ndarray:
+    """(k, k) S of `fit` along the directions that are told, in units of what white noise would make."""
+    n, nv, _ = omega.shape
+    seen = (omega.reshape(n * nv, -1) @ told.right.T).reshape(n, nv, -1)
+    size = len(told.singular)
+    total = np.zeros((size, size))
+    for lag, alike in enumerate(noise_covariances(residual, seen, told.singular**-2.0, holds)):
+        ahead = np.einsum("ij,njk->nik", alike, seen[lag:], optimize=True)
+        part = seen[: n - lag].reshape(-1, size).T @ ahead.reshape(-1, size)
         total += part if lag == 0 else part + part.T
-        if lag == 0:
-            variance = max(float(np.trace(alike)), 1e-300)
-        else:
-            lasting += 2 * float(np.trace(alike)) / variance
-    independent = holds.sum() / max(lasting, 1.0)
-    return total / max(1 - told / max(independent, 1.0), 0.1)
+    return total / np.multiply.outer(told.singular, told.singular)
 
 
 def directions(untold: np.ndarray, labels: tuple[str, ...]) -> tuple[str, ...]:

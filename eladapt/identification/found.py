@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +24,8 @@ from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.urdf.checks import edited_urdf
 from eladapt.urdf.editing import Edits
+
+UNTOLD = 0.01  # of a parameter in directions that are not told
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,13 +140,13 @@ class Identified:
         lines = [repr(self)]
         if self.errors:
             of = f"the last {self.held_out:.0%}, held out" if self.held_out else "the log itself"
-            names = [printable(name) for name in self.original.joint_names]
+            names = _short([printable(name) for name in self.original.joint_names])
             wide = max(10, *map(len, self.errors))
             lines.append(f"torque error [%] on {of}: sample by sample below 10 Hz, and filtered")
-            lines.append(" " * wide + "".join(f" {name[-10:]:>11}" for name in (*names, "all")))
+            lines.append(" " * wide + "".join(f" {name[-10:]:>10}" for name in (*names, "all")))
             for name, errors in self.errors.items():
                 for kind, values in errors._asdict().items():
-                    cells = "".join(f" {100 * value:11.2f}" for value in values)
+                    cells = "".join(f" {100 * value:10.2f}" for value in values)
                     lines.append(f"{name:{wide}}{cells} {kind}")
         lines += [f"not told by the log: {said}" for said in self.untold]
         lines += self.notes
@@ -196,16 +197,10 @@ class Identified:
         return Edits(inertials, dynamics)
 
 
-UNTOLD = 0.01  # of a parameter in directions that are not told
-
-
-def plain_labels(found: Identified) -> list[dict[str, Any]]:
-    """A row for each parameter: name, before, after, standard deviation, and the physical one."""
-    start = np.concatenate([found.regressors.theta, np.zeros(len(found.columns))])
-    physical = found.physical if found.physical is not None else np.full(len(start), np.nan)
-    return [
-        {"name": label, "before": before, "after": after, "std": std, "physical": last}
-        for label, before, after, std, last in zip(
-            found.labels, start, found.theta, found.std, physical, strict=True
-        )
-    ]
+def _short(names: Sequence[str]) -> list[str]:
+    """Without the words that they all begin with."""
+    words = [name.split("_") for name in names]
+    same = 0
+    while all(len(parts) > same + 1 and parts[same] == words[0][same] for parts in words):
+        same += 1
+    return ["_".join(parts[same:]) for parts in words]

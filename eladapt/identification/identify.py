@@ -12,7 +12,7 @@ import numpy as np
 from eladapt.control.reports import SEEN
 from eladapt.errors import ArgumentError, LogWarning, require_number
 from eladapt.estimation.extensions import Information
-from eladapt.identification.fitting import Fit, directions, fit
+from eladapt.identification.fitting import LEAST_NOISE, Fit, directions, fit
 from eladapt.identification.found import Identified
 from eladapt.identification.log import Log
 from eladapt.identification.log_check import remarks
@@ -101,7 +101,7 @@ def _identified(
 
         parameters, theta = physical_parameters(regressors, found.theta, found.triangle, len(own))
     return Identified(
-        robot, regressors, found, labels, directions(found.untold, labels), physical=theta,
+        robot, regressors, found, labels, directions(found.untold, (*regressors.names, *own)), physical=theta,
         parameters=parameters, columns=dict(own),
     )  # fmt: skip
 
@@ -118,7 +118,10 @@ def _learned(regressors: Regressors, state: Any) -> Fit:
     triangle, prior = information.triangle[:size, :size], information.prior
     values, vectors = np.linalg.eigh(triangle.T @ triangle - prior * np.eye(size))
     told = values > SEEN * prior
-    variance = CORRELATION * float(information.variance) if information.weight else 1.0
+    variance = 1.0
+    if information.weight > 0:
+        typical = float(np.sum(information.triangle[:, -1] ** 2)) / information.weight  # of a row, squared
+        variance = max(CORRELATION * information.variance, LEAST_NOISE**2 * typical)
     along = vectors[:, told].T
     root = np.zeros((size, size))
     root[: len(along)] = np.sqrt(values[told] / variance)[:, None] * along

@@ -104,7 +104,8 @@ class Log:
         """What a controller's record tells: the true motion, and the torques that acted."""
         robot = Robot.from_source(record.robot_source)
         x = np.array([robot.coordinates(q) for q in record.q])
-        x[:, robot.model.nqs[1:] == 2] = np.unwrap(x[:, robot.model.nqs[1:] == 2], axis=0)
+        turning = np.array(robot.model.nqs)[1:] == 2
+        x[:, turning] = np.unwrap(x[:, turning], axis=0)
         # A record's torque is that commanded at its sample; it acts until the next one.
         return cls(record.t[1:], x[1:], record.v[1:], record.tau[:-1], record.joint_names, held=True)
 

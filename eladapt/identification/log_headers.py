@@ -19,6 +19,7 @@ WORDS = {
 KIND = {word: name for name, words in WORDS.items() for word in words}
 # A word of these, and its number right behind it.
 NUMBERED = re.compile(rf"^({'|'.join(sorted(KIND, key=len, reverse=True))})(\d+)$")
+SILENT = ("actual", "measured", "state", "states", "joint", "joints")
 SAID = 'columns={"t": "time", "q": "q_*", "v": "dq_*", "tau": "tau_*"}'
 
 
@@ -65,8 +66,8 @@ def found_columns(header: Sequence[str], width: int) -> Chosen:
                 f"they are: {SAID}"
             )
     of = {kind: tuple(found[kind][joint] for joint in joints) for kind in found if kind != "t"}
-    named = not all(re.fullmatch(r"\D*\d*", joint) and _is_counted(joint) for joint in joints)
-    return Chosen({"t": tuple(found["t"].values())[:1], **of}, joints if named else ())
+    counted = all(joint.isdigit() for joint in joints)
+    return Chosen({"t": tuple(found["t"].values())[:1], **of}, () if counted else joints)
 
 
 def mapped_columns(header: Sequence[str], width: int, columns: Mapping[str, Any]) -> Chosen:
@@ -103,12 +104,15 @@ def _meaning(column: str) -> tuple[str, str]:
     for k, part in enumerate(parts):
         word = part.lower()
         if match := NUMBERED.match(word):
-            return KIND[match[1]], "_".join([*parts[:k], match[2], *parts[k + 1 :]])
+            return KIND[match[1]], _joint([*parts[:k], match[2], *parts[k + 1 :]])
         if word in KIND:
-            return KIND[word], "_".join(parts[:k] + parts[k + 1 :])
+            return KIND[word], _joint(parts[:k] + parts[k + 1 :])
     return "", ""
 
 
-def _is_counted(joint: str) -> bool:
-    """Whether a joint is a number alone, or behind words that say nothing."""
-    return bool(re.fullmatch(r"(?:(?:actual|measured|joint|joints|state|states|j)_?)*\d+", joint.lower()))
+def _joint(parts: Sequence[str]) -> str:
+    """What is left of a column's name, without words in front that name no joint."""
+    left = list(parts)
+    while len(left) > 1 and left[0].lower() in SILENT:
+        left = left[1:]
+    return "_".join(left)

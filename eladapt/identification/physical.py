@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 
 from eladapt.errors import EladaptError
@@ -30,7 +32,9 @@ except ImportError as reason:
 # URDF's own, with this standard deviation.
 PRIOR = 1.0
 LEAST = 1e-3  # of the URDF's pseudo-inertia, or of a typical one, that is left of a body
+LARGE = 10.0  # [N m s/rad, N m] of friction and offset, whose distance from the URDF's hardly counts
 NOTHING = 1e-7  # [kg m^2, N m s/rad, N m] of a rotor or friction: the solver's zero
+LIGHTEST = 1e-9  # [kg] of a body that can be measured by
 THIN = 1e-2  # of a body's size: how thin the URDF's may be, as a measure of what is near
 
 
@@ -47,89 +51,99 @@ def physical_parameters(
     triangle (l, l): T of a `Fit`. own: how many parameters behind theta's are free. Raises EladaptError where
     the solver finds none.
     """
-    size, nv = len(regressors), regressors.robot.nv
     nominal = regressors.robot_parameters
-    bodies = 10 * nv
-    n_rotors = len(nominal) - bodies
-    friction = regressors.n_friction
-    count = len(nominal) + friction + own
-    # theta = map @ x, x = [standard parameters; friction; own]
-    to_theta = np.zeros((size + own, count))
-    to_theta[regressors.inertial, : len(nominal)] = regressors.basis.projection
-    to_theta[regressors.friction, len(nominal) : len(nominal) + friction] = np.eye(friction)
-    to_theta[:size] *= regressors.scale[:, None]
-    to_theta[size:, len(nominal) + friction :] = np.eye(own)
-
-    start = np.zeros(count)
+    to_theta = _theta_of(regressors, own)
+    rest = slice(len(nominal), to_theta.shape[1])  # friction, offsets and one's own
+    start = np.zeros(to_theta.shape[1])
     start[: len(nominal)] = nominal
-    units = [_measure(nominal[10 * k : 10 * k + 10]) for k in range(nv)]
-    prior, cones, blocks = [], [], []
-    for k, (root, floor) in enumerate(units):
-        columns = np.zeros((10, count))
-        inverse = np.linalg.inv(root)
-        basis = np.array([_vector(inverse @ pseudo_inertia(e) @ inverse.T) for e in np.eye(10)]).T
-        columns[:, 10 * k : 10 * k + 10] = basis
-        prior.append(columns)
-        blocks.append((-columns, -_vector(LEAST * inverse @ floor @ inverse.T)))
+    friction = slice(rest.start, rest.start + regressors.n_friction)
+    start[friction] = (regressors.theta / regressors.scale)[regressors.friction]
+    unit = np.ones(len(start))  # of a change that is a large one
+    rotors = slice(10 * regressors.robot.nv, len(nominal))
+    unit[rotors], unit[rest] = _rotor_units(regressors), LARGE
+    near = np.diag(1 / unit)
+    blocks, cones = [], []
+    for k in range(regressors.robot.nv):
+        body = slice(10 * k, 10 * k + 10)
+        thick, measure = _measure(nominal[body])
+        near[body, body] = measure
+        columns = np.zeros((10, len(start)))
+        columns[:, body] = measure
+        blocks.append((-columns, -LEAST * measure @ thick))
         cones.append(clarabel.PSDTriangleConeT(4))
-    rotor = np.zeros((n_rotors, count))
-    unit = effort(regressors.robot, extremes(regressors.robot)) / ASSUMED_ROTOR_ACCELERATION
-    unit = np.maximum(unit, regressors.robot.armature)[regressors.rotor_joints]
-    rotor[:, bodies : bodies + n_rotors] = np.diag(1 / unit)
-    prior.append(rotor)
-    positive = np.r_[bodies : len(nominal)]
+    positive = np.r_[rotors]
     for name in ("viscous", "coulomb"):
-        block = regressors.block(name)
-        positive = np.append(positive, len(nominal) - regressors.n_inertial + np.r_[block])
-    blocks.append((-np.eye(count)[positive], np.zeros(len(positive))))
+        positive = np.append(positive, rest.start - regressors.n_inertial + np.r_[regressors.block(name)])
+    blocks.append((-np.eye(len(start))[positive], np.zeros(len(positive))))
     cones.append(clarabel.NonnegativeConeT(len(positive)))
 
-    near = np.vstack(prior) / PRIOR
-    rows, wanted = np.vstack([triangle @ to_theta, near]), np.concatenate([triangle @ theta, near @ start])
-    x = _solved(rows, wanted, blocks, cones)
+    rows = np.vstack([triangle @ to_theta, near / PRIOR])
+    x = _solved(rows, np.concatenate([triangle @ theta, near @ start / PRIOR]), blocks, cones)
     x[positive] = np.where(x[positive] > NOTHING, x[positive], 0)
     return x[: len(nominal)], to_theta @ x
 
 
+def _theta_of(regressors: Regressors, own: int) -> np.ndarray:
+    """(l + own, s + friction + own): theta of [standard parameters; friction; one's own]."""
+    size, friction, standard = len(regressors), regressors.n_friction, len(regressors.robot_parameters)
+    found = np.zeros((size + own, standard + friction + own))
+    found[regressors.inertial, :standard] = regressors.basis.projection
+    found[regressors.friction, standard : standard + friction] = np.eye(friction)
+    found[:size] *= regressors.scale[:, None]
+    found[size:, standard + friction :] = np.eye(own)
+    return found
+
+
+def _rotor_units(regressors: Regressors) -> np.ndarray:
+    """[kg m^2] the size of a rotor for each that there may be."""
+    robot = regressors.robot
+    typical = effort(robot, extremes(robot)) / ASSUMED_ROTOR_ACCELERATION
+    return np.maximum(typical, robot.armature)[regressors.rotor_joints]
+
+
 def _solved(
-    rows: np.ndarray, wanted: np.ndarray, blocks: Sequence[tuple[np.ndarray, np.ndarray]], cones: list
+    rows: np.ndarray, wanted: np.ndarray, blocks: Sequence[tuple[np.ndarray, np.ndarray]], cones: list[Any]
 ) -> np.ndarray:
     """x that minimises |rows x - wanted| with b - A x in the cones, for (A, b) in blocks.
 
-    What is left, r = rows x - wanted, is a variable of its own, so that nothing is squared.
+    In y = R (x - x0), rows = Q R and x0 without cones: the least |y|, whatever the sizes in ``rows`` are.
     """
-    unit = 1 / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    size, left = rows.shape[1], len(rows)
-    constraints = [np.hstack([rows * unit, -np.eye(left)])]
-    constraints += [np.hstack([a * unit, np.zeros((len(a), left))]) for a, _ in blocks]
+    unit = 1 / np.linalg.norm(rows, axis=0)
+    triangle = scipy.linalg.qr(np.column_stack([rows * unit, wanted]), mode="r")[0]
+    size = rows.shape[1]
+    root, free = triangle[:size, :size], triangle[:size, size]
+    loosest = scipy.linalg.solve_triangular(root, free)
+    constraints = np.vstack([a * unit for a, _ in blocks])
+    bounds = np.concatenate([b for _, b in blocks]) - constraints @ loosest
+    turned = scipy.linalg.solve_triangular(root, constraints.T, trans="T").T
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_iter = False, 500
     solver = clarabel.DefaultSolver(
-        scipy.sparse.block_diag([scipy.sparse.csc_matrix((size, size)), scipy.sparse.eye(left)], "csc"),
-        np.zeros(size + left), scipy.sparse.csc_matrix(np.vstack(constraints)),
-        np.concatenate([wanted, *(b for _, b in blocks)]), [clarabel.ZeroConeT(left), *cones], settings,
+        scipy.sparse.eye(size, format="csc"), np.zeros(size), scipy.sparse.csc_matrix(turned), bounds, cones,
+        settings,
     )  # fmt: skip
     found = solver.solve()
     if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
         raise EladaptError(f"no physical parameters found: the solver says {found.status}")
-    return np.array(found.x[:size]) * unit
+    step = scipy.linalg.solve_triangular(root, np.array(found.x))
+    return np.asarray((loosest + step) * unit)
 
 
 def _measure(nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(root R of J0 = R R' made thick enough to measure by, J0 thick)."""
-    body = pseudo_inertia(nominal)
-    values, vectors = np.linalg.eigh(body)
-    thick = np.maximum(values, THIN * max(values.max(), 1e-9))
-    return vectors * np.sqrt(thick), (vectors * thick) @ vectors.T
+    """(the ten parameters of a body like the nominal one, but thick enough to measure by; (10, 10) of the
+    vector of R^-1 J R^-T, with R R' that one's pseudo-inertia)."""
+    values, vectors = np.linalg.eigh(pseudo_inertia(nominal))
+    values = np.maximum(values, THIN * max(values.max(), LIGHTEST))
+    inverse = (vectors / np.sqrt(values)).T
+    columns = [_vector(inverse @ pseudo_inertia(one) @ inverse.T) for one in np.eye(10)]
+    measure = np.array(columns).T
+    return np.linalg.solve(measure, _vector(np.eye(4))), measure
 
 
 def _vector(matrix: np.ndarray) -> np.ndarray:
     """(10,) the upper triangle of (4, 4), column by column, off-diagonal entries times sqrt(2): its length is
     the matrix's Frobenius norm, and clarabel's form of it."""
-    rows, columns = [], []
-    for column in range(4):
-        for row in range(column + 1):
-            rows.append(row)
-            columns.append(column)
+    rows = [row for column in range(4) for row in range(column + 1)]
+    columns = [column for column in range(4) for _ in range(column + 1)]
     weight = np.where(np.array(rows) == np.array(columns), 1.0, math.sqrt(2))
     return weight * matrix[rows, columns]

@@ -170,12 +170,18 @@ class Regressors:
         return self.theta[len(self) - self.n_potential :]
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """l names, in the order of theta; a leading factor is the column scale."""
+    def names(self) -> tuple[str, ...]:
+        """l names, in the order of theta, without its units."""
         friction = [f"{name}({joint})" for name in self._friction_terms for joint in self.robot.joint_names]
         names = list(self.basis.labels)
         names[self.n_inertial : self.n_inertial] = friction
-        return tuple(n if s == 1 else f"{s:.3g} ({n})" for n, s in zip(names, self.scale, strict=True))
+        return tuple(names)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """``names`` with the column scale as a factor before each, where it is not 1."""
+        named = zip(self.names, self.scale, strict=True)
+        return tuple(name if scale == 1 else f"{scale:.3g} ({name})" for name, scale in named)
 
     def gravity(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
         """Psi(q) (nv, n_potential): Psi @ theta_U = g(q) (209). check: whether q is to be validated."""

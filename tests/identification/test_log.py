@@ -1,0 +1,138 @@
+"""A log is what a recording tells, by documented rules, and says what it lacked."""
+
+import numpy as np
+import pytest
+from shared import load
+
+import eladapt as ea
+from eladapt.errors import ArgumentError, UnknownNameError
+
+
+def table(n=200, joints=2, dt=0.01):
+    t = dt * np.arange(n)
+    x = np.sin(np.outer(t, np.arange(1, joints + 1)))
+    return t, x, np.cos(np.outer(t, np.arange(1, joints + 1))) * np.arange(1, joints + 1), 2 * x
+
+
+def test_samples_that_are_none_or_repeated_are_left_out_and_said_so():
+    t, q, v, tau = table()
+    q[7, 1], tau[9, 0], t[20] = np.nan, np.inf, t[19]
+    log = ea.Log(t, q, v, tau)
+    assert len(log) == 197
+    assert set(np.arange(200)) - set(np.round(log.t / 0.01).astype(int)) == {7, 9, 20}
+    assert log.notes == (
+        "2 of 200 samples have a number that is none, and were left out",
+        "1 samples repeat the stamp of the one before, and were left out",
+    )
+
+
+def test_a_clock_that_goes_back_is_refused_with_the_sample():
+    t, q, v, tau = table()
+    t[50:] -= 0.3
+    with pytest.raises(ArgumentError, match=r"sample 50 is at 0\.2 s and the one before it at 0\.49 s"):
+        ea.Log(t, q, v, tau)
+
+
+def test_a_gap_ends_a_piece():
+    t, q, v, tau = table()
+    t[100:] += 0.2
+    assert ea.Log(t, q, v, tau).segments == [slice(0, 100), slice(100, 200)]
+
+
+def test_missing_velocities_are_the_derivative_and_said_so():
+    """Of a sine of 1 rad/s: the polynomial through 60 ms leaves w^3 (0.03 s)^2 / 10 of it, the ends more."""
+    t, q, v, tau = table(joints=1)
+    t[100:] += 0.5  # each piece for itself
+    q[100:, 0], v[100:, 0] = np.sin(t[100:]), np.cos(t[100:])
+    log = ea.Log(t, q, None, tau)
+    assert np.abs(log.v - v).max() < 1e-3
+    assert any("derivative" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"q": np.zeros((200, 3))}, "tau: expected 200 samples of 3 joints"),
+        ({"t": np.zeros((200, 1))}, r"t: expected an array \(N,\)"),
+        ({"tau": [["a"]]}, "tau: expected numbers"),
+        ({"joint_names": ("a",)}, "joint_names: expected 2 different names"),
+        ({"joint_names": ("a", "a")}, "joint_names: expected 2 different names"),
+        (
+            {name: array[:5] for name, array in zip(("t", "q", "v", "tau"), table(), strict=True)},
+            "at least 10",
+        ),
+    ],
+)
+def test_what_is_no_log_is_refused(change, said):
+    given = dict(zip(("t", "q", "v", "tau"), table(), strict=True)) | change
+    with pytest.raises(ArgumentError, match=said):
+        ea.Log(**given)
+
+
+def test_joints_are_found_by_name_in_any_order():
+    robot = load("ur5")
+    t, q, v, tau = table(joints=8)
+    names = ("gripper", *robot.joint_names[::-1], "another")
+    log = ea.Log(t, q, v, tau, names).of(robot)
+    assert log.joint_names == robot.joint_names
+    assert np.array_equal(log.q, q[:, 6:0:-1])
+    assert np.array_equal(log.velocity, v[:, 6:0:-1])
+    assert np.array_equal(log.tau, tau[:, 6:0:-1])
+
+
+def test_a_joint_that_the_log_lacks_is_named():
+    robot = load("ur5")
+    t, q, v, tau = table(joints=6)
+    with pytest.raises(UnknownNameError, match=f"unknown joint of the log '{robot.joint_names[2]}'"):
+        ea.Log(t, q, v, tau, [*robot.joint_names[:2], "elbow?", *robot.joint_names[3:]]).of(robot)
+    with pytest.raises(ArgumentError, match=r"expected 6 joints.*got 2"):
+        ea.Log(*table()).of(robot)
+
+
+def test_the_last_part_is_held_out():
+    first, last = ea.Log(*table()).parts(0.3)
+    assert last.t[0] == pytest.approx(0.7 * 1.99, abs=0.01)
+    assert len(first) + len(last) == 200
+    assert ea.Log(*table()).parts(0)[1] is None
+
+
+def test_a_records_torques_act_until_the_next_sample():
+    """A plant pushed by a known torque: of the log, each acted over the step before its stamp."""
+    robot = load("two_link")
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    record = ea.simulate(
+        ea.CompositeController.for_robot(robot),
+        plant,
+        robot.configuration(robot.target),
+        0.05,
+        progress=False,
+    )
+    log = ea.Log.from_record(record)
+    assert log.held
+    assert np.array_equal(log.tau, record.tau[:-1])
+    assert np.array_equal(log.t, record.t[1:])
+    assert np.array_equal(log.q, record.q[1:])
+
+
+def test_continuous_joints_of_a_record_go_on_beyond_a_turn():
+    robot = load("kinova")  # whose fourth joint is at -2.1 rad
+    goal = robot.home.copy()
+    goal[3] -= 2.5
+    motion = ea.move(robot, robot.configuration(robot.home), robot.configuration(goal))
+    plant = ea.PinocchioPlant(robot, motion.q0)
+    record = ea.simulate(
+        ea.CompositeController.for_robot(robot), plant, motion, motion.duration, progress=False
+    )
+    log = ea.Log.from_record(record)
+    assert np.abs(np.diff(log.q, axis=0)).max() < 0.1
+    assert log.q[-1, 3] < -np.pi
+
+
+def test_a_plot_of_a_log_has_its_gaps(tmp_path):
+    t, q, v, tau = table()
+    t[100:] += 0.5
+    figure = ea.Log(t, q, v, tau).plot(tmp_path / "log.png")
+    assert (tmp_path / "log.png").stat().st_size > 0
+    drawn = figure.axes[0].lines[0].get_ydata()
+    assert np.isnan(drawn).sum() == 1
+    assert len(figure.axes) == 3
