@@ -25,7 +25,6 @@ from eladapt.robot.model import Robot
 WINDOW = 0.2  # [s] of one average; on a real Panda's log 0.1 to 0.4 s are right within 0.05 %
 STICTION_SPEED = 0.01  # [rad/s]
 CORRELATION = 0.1  # [s] of what disturbs a controller's filtered rows: 2 / pole
-TURNING_SPEED = 0.05  # [rad/s] over which Coulomb friction turns round where torques are predicted
 
 
 def identify(
@@ -57,7 +56,6 @@ def identify(
     or with fewer rows than parameters; UnknownNameError for joints that it does not have.
     """
     regressors = Regressors(robot, joint_terms=joint_terms)
-    regressors.coulomb_speed = TURNING_SPEED
     own = dict(columns or {})
     labels = (*regressors.labels, *own)
     if not isinstance(log, Log):

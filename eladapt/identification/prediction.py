@@ -30,12 +30,12 @@ def torques_of(
 ) -> Torques:
     """A log's torques below ``cutoff`` [Hz], without phase, and W with the accelerations that they go with.
 
-    Velocities and torques are put on an even grid, filtered forwards and backwards (Butterworth), and the
-    velocities differenced. Coulomb friction turns round smoothly, as `Regressors.slotine_li` has it. Where
-    the log is too short or too slow for the filter, there are no instants.
+    Velocities, their signs for Coulomb friction, and torques are put on an even grid and filtered forwards
+    and backwards (Butterworth), and the velocities differenced. Where the log is too short or too slow for
+    the filter, there are no instants.
     """
     times, torques, found = [], [], []
-    dt, robot = log.dt, regressors.robot
+    dt, robot, coulomb = log.dt, regressors.robot, regressors.block("coulomb")
     if 2 * cutoff * dt < 1:
         filters = butter(2, 2 * cutoff * dt, output="sos")
         stride, margin = max(1, round(1 / (PER_SECOND * dt))), int(MARGIN / dt)
@@ -47,11 +47,12 @@ def torques_of(
                 np.array([np.interp(grid, log.t[piece], column) for column in array[piece].T]).T
                 for array in (log.q, log.velocity, log.tau)
             ]
-            v, tau = (sosfiltfilt(filters, array, axis=0) for array in even[1:])
+            v, tau, turned = (sosfiltfilt(filters, array, axis=0) for array in (*even[1:], np.sign(even[1])))
             a = np.gradient(v, dt, axis=0)
             for k in range(margin, len(grid) - margin, stride):
-                q = robot.configuration(even[0][k])
-                row = regressors.slotine_li(q, v[k], v[k], a[k], check=False)
+                row = regressors.torque(robot.configuration(even[0][k]), v[k], a[k], check=False)
+                if regressors.coulomb:
+                    np.fill_diagonal(row[:, coulomb], turned[k] / regressors.scale[coulomb])
                 found.append(extended(row, columns, even[0][k], v[k], a[k]))
                 times.append(grid[k])
                 torques.append(tau[k])

@@ -58,7 +58,8 @@ def edited(text: bytes, edits: Edits) -> bytes:
             pieces.append(elements.replaced("link", link, "inertial", new))
     for joint, given in edits.dynamics.items():
         before = elements.attributes.get(("joint", joint, "dynamics"), {})
-        values = {**before, **{key: repr(float(value)) for key, value in given.items()}}
+        least = {} if {"damping", "friction"} & before.keys() else {"damping": "0.0"}  # that readers ask for
+        values = {**least, **before, **{key: repr(float(value)) for key, value in given.items()}}
         new = f"<dynamics {' '.join(f'{key}={_quoted(value)}' for key, value in values.items())}/>"
         pieces.append(elements.replaced("joint", joint, "dynamics", new))
     for start, end, piece in sorted(pieces, reverse=True):
@@ -103,10 +104,12 @@ class _Elements:
         key, start = self._path.pop()
         if not key or key in self.parts:
             return
-        inside = self._parser.CurrentByteIndex
-        empty = not self.text.startswith(b"</", inside)
-        end = self._tag_end(start) if empty else self.text.index(b">", inside) + 1
-        self.parts[key] = _Part(start, end, end if empty else inside)
+        end = self._tag_end(start)
+        inside = end
+        if not self.text.endswith(b"/>", start, end):
+            inside = self._parser.CurrentByteIndex
+            end = self.text.index(b">", inside) + 1
+        self.parts[key] = _Part(start, end, inside)
 
     def _tag_end(self, start: int) -> int:
         """Behind the > of the tag that begins there, whatever stands in its quotes."""

@@ -100,7 +100,7 @@ def _elements(label: str, part: Element) -> Iterator[Finding]:
             if not counts[tag]:
                 remedy = "Add it, or remove <inertial> if the link has no mass"
                 yield Finding(f"{label} <{tag}>", "missing", "needed beside the other", remedy)
-    if part.tag == "dynamics" and not {"damping", "friction", "armature"} & part.attrib.keys():
+    if part.tag == "dynamics" and not {"damping", "friction"} & part.attrib.keys():
         yield Finding(label, "empty", "expected damping or friction", "Give one, or remove the element")
 
 

@@ -1,0 +1,114 @@
+"""What was identified is a robot, and a file: read back it makes the same torques, and MuJoCo takes it."""
+
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from identification.logs import known_log
+from identification.test_identify import heavier
+from shared import load
+
+import eladapt as ea
+from eladapt.cli import main
+from eladapt.errors import EladaptError
+
+
+@pytest.fixture(scope="module", params=["ur5", "panda", "talos_left_arm"])
+def identified(request):
+    robot = load(request.param)
+    return robot, ea.identify(heavier(robot), known_log(robot, 16.0), held_out=0, progress=False)
+
+
+def test_the_file_makes_the_identified_torques(identified, tmp_path):
+    robot, found = identified
+    path = found.save_urdf(tmp_path / "new.urdf")
+    again = ea.Robot.from_urdf(path, package_dirs=robot.package_dirs, locked=robot.locked)
+    theta = found.physical.copy()
+    theta[found.regressors.block("offset")] = 0
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        q, v, a = robot.random_configuration(rng), *rng.normal(size=(2, robot.nv))
+        torque = again.inverse_dynamics(q, v, a) + again.damping * v + again.friction * np.sign(v)
+        told = found.regressors.torque(q, v, a) @ theta
+        assert torque == pytest.approx(told, abs=1e-9 * np.abs(told).max())
+        assert found.robot.inverse_dynamics(q, v, a) == pytest.approx(
+            again.inverse_dynamics(q, v, a), rel=1e-12
+        )
+    assert ea.MujocoPlant(again, again.configuration(robot.home)).robot is again
+
+
+def test_the_file_keeps_what_is_not_identified(identified, tmp_path):
+    """All but <inertial> and <dynamics>."""
+    robot, found = identified
+    new = found.save_urdf(tmp_path / "new.urdf").read_text()
+    kinds = r"\s*<(inertial)\b.*?</\1>|\s*<dynamics\b[^>]*/>"
+    blank = [
+        re.sub(r"\s+", "", re.sub(kinds, "", text, flags=re.DOTALL)) for text in (robot.path.read_text(), new)
+    ]
+    assert blank[0] == blank[1]
+
+
+def test_the_gravity_of_the_file_holds_the_arm(identified):
+    """Held by gravity torques alone for 50 ms: it drifts a tenth as far as with the old file, or less."""
+    robot, found = identified
+    q = robot.configuration(robot.home)
+    drift = {}
+    for name, model in (("old", found.original), ("new", found.robot)):
+        plant = ea.PinocchioPlant(robot, q)
+        plant.reset()
+        for _ in range(50):
+            plant.step(model.gravity(plant.q), 1e-3)
+        drift[name] = np.linalg.norm(robot.difference(q, plant.q))
+    assert drift["new"] < 0.1 * drift["old"]
+
+
+def test_links_that_move_together_are_said_so():
+    robot = load("panda")
+    found = ea.identify(robot, known_log(robot), held_out=0, progress=False)
+    (said,) = found.merged
+    assert said.startswith("panda_link7 holds the inertia of panda_link8, panda_hand, panda_leftfinger")
+    loose = ea.identify(robot, known_log(robot), held_out=0, physical=False, progress=False)
+    with pytest.raises(EladaptError, match="no physical parameters"):
+        loose.save_urdf("never.urdf")
+
+
+def test_the_report_says_what_was_found(identified, tmp_path):
+    _, found = identified
+    page = found.report(tmp_path / "page.html").read_text()
+    for said in ("Torque error", "What the log does not tell", "standard deviation", "rotor [kg m"):
+        assert said in page
+    assert "http-equiv" in page
+
+
+def test_the_command(tmp_path, capsys):
+    robot = load("ur5")
+    log = known_log(robot, 10.0, noise=0.1)
+    names = [f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in robot.joint_names]
+    rows = np.column_stack([log.t, log.q, log.velocity, log.tau])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    new, page = tmp_path / "new.urdf", tmp_path / "page.html"
+    arguments = ["identify", "ur5", str(tmp_path / "log.csv"), "--out", str(new), "--report", str(page)]
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    assert f"wrote {new}" in said
+    assert re.search(r"^physical .* raw$", said, re.MULTILINE)
+    assert re.search(r"^wrist_3_joint +0\.\d+ \+- [\de.-]+ +0\.[56]\d+ \+- ", said, re.MULTILINE)
+    assert page.stat().st_size > 10_000
+    assert main(["check", str(new)]) == 0
+    model = ea.Robot.from_urdf(new).model
+    assert isinstance(model, pin.Model)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["identify", "ur5", "none.csv"], "error: none.csv: no such log"),
+        (["identify", "ur5", "none.csv", "--out", "x.txt"], "--out: expected a name that ends in .urdf"),
+        (["identify", "ur5", "none.csv", "--report", "x.txt"], "expected a file name that ends in .html"),
+        (["identify", "ur6", "none.csv"], "unknown robot 'ur6'"),
+    ],
+)
+def test_what_the_command_refuses(arguments, said, capsys):
+    assert main(arguments) == 1
+    assert said in capsys.readouterr().err
