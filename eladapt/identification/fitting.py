@@ -47,15 +47,15 @@ def fit(rows: Rows, start: np.ndarray) -> Fit:
             "most of it is at rest. Record a motion in which every joint moves (see `excitation`)"
         )
     typical = float(np.sqrt(np.sum(y**2) / counts.sum()))
-    noise = np.full(len(counts), typical)
+    noise, least = np.full(len(counts), typical), 0.0  # what is left out would pass for noise, and stay out
     for _ in range(ROUNDS):
-        change, told = _least_squares((y - omega @ start) / noise, omega / noise[:, None], typical)
+        change, told = _least_squares((y - omega @ start) / noise, omega / noise[:, None], least)
         theta = start + change
         residual = np.where(holds, y - omega @ theta, 0.0)
         free = np.maximum(1.0, counts * (1 - size / counts.sum()))
         before, noise = noise, np.sqrt(np.sum(residual**2, axis=0) / free)
         noise = np.where(counts > 0, np.maximum(noise, LEAST_NOISE * typical), typical)
-        if np.abs(noise / before - 1).max() < STEADY:
+        if least and np.abs(noise / before - 1).max() < STEADY:
             break
     values, vectors = np.linalg.eigh(_spread(residual / noise, omega / noise[:, None], holds, told))
     values = np.maximum(values, LEAST_VARIANCE * values.max())
@@ -73,13 +73,13 @@ class _Told(NamedTuple):
     right: np.ndarray
 
 
-def _least_squares(y: np.ndarray, omega: np.ndarray, typical: float) -> tuple[np.ndarray, _Told]:
-    """The least change (l,), and what is told."""
+def _least_squares(y: np.ndarray, omega: np.ndarray, least: float) -> tuple[np.ndarray, _Told]:
+    """The least change (l,), and what is told, by singular values above least."""
     size = omega.shape[-1]
     stacked = np.column_stack([omega.reshape(-1, size), y.ravel()])
     triangle = _triangle(stacked)
     left, singular, right = np.linalg.svd(triangle[:size, :size])
-    told = (singular > DUST * singular[0]) & (singular > 1 / (DOUBT * typical))
+    told = (singular > DUST * singular[0]) & (singular > least)
     along = left.T @ triangle[:size, size]
     return right[told].T @ (along[told] / singular[told]), _Told(singular[told], right[told])
 
