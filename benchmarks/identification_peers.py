@@ -31,7 +31,6 @@ from tx40 import tx40_table
 
 import eladapt as ea
 from eladapt.errors import EladaptError
-from eladapt.identification.identify import TURNING_SPEED
 from eladapt.identification.prediction import CUTOFF, torques_of
 from eladapt.identification.rows import Column
 from eladapt.regressors.joint_terms import JOINT_TERMS
@@ -40,17 +39,17 @@ from eladapt.regressors.standard import pseudo_inertia
 SHARED = Path(__file__).resolve().parents[2] / "shared"  # beside the repository
 LOG = SHARED / "logs" / "panda_exciting.npz"
 HELD_OUT = 0.3
-SIGN = 1e-6  # [rad/s] over which Coulomb friction turns round, as good as at once
+TURNING = 0.02  # [rad/s] over which Coulomb friction turns round in plain least squares
 SAMPLES, FASTEST, SLOWEST, ACCELERATION = 300, 2.0, 0.1, 5.0  # of random motion; [rad/s], [rad/s^2]
 SAME_SPAN = 1e-6  # [rad]
 REPEATS = 3  # of a run, the fastest counts
 SOUND = -1e-8  # of a pseudo-inertia's least eigenvalue: FIGAROH's tolerance, for everyone
 NOTES = f"""
 A Panda's log of 21 s: torques of the last {HELD_OUT:.0%}, from which nothing is learned, below {CUTOFF:g} Hz.
-Errors [%] by joint and of all as each way predicts: with eladapt and plain least squares, Coulomb friction
-turns round over {TURNING_SPEED:g} rad/s; with FIGAROH at once. Then of all joints with the same shape for
-everyone: at once (sign), and over {TURNING_SPEED:g} rad/s (smooth). eladapt's default window was chosen
-with this log at hand; FIGAROH's filter was not chosen by its error here. Bodies: how many have a
+Errors [%] by joint and of all as each way predicts: with eladapt, Coulomb friction turns round as the filter
+of the torques makes it; with plain least squares over {TURNING:g} rad/s; with FIGAROH at once. Then of all
+joints with eladapt's shape for everyone. eladapt's default window was chosen with this log and the TX40's at
+hand; FIGAROH's filter was not chosen by its error here. Bodies: how many have a
 pseudo-inertia with no eigenvalue below {SOUND:g}, FIGAROH's tolerance; then the least eigenvalue of all, and
 the heaviest one's mass [kg].
 Time: without imports, the fastest of {REPEATS}; both of eladapt's rows come from one run, with reading and
@@ -67,6 +66,7 @@ class Motion(NamedTuple):
     v: np.ndarray
     a: np.ndarray
     tau: np.ndarray
+    turned: np.ndarray  # the sign of v, below 10 Hz
 
 
 class Row(NamedTuple):
@@ -74,8 +74,7 @@ class Row(NamedTuple):
 
     name: str
     predicted: np.ndarray  # (n, nv) as it predicts
-    sign: np.ndarray  # (n, nv) with Coulomb friction that turns round at once
-    smooth: np.ndarray  # (n, nv) over TURNING_SPEED
+    alike: np.ndarray  # (n, nv) with Coulomb friction that turns round alike for everyone
     bodies: np.ndarray | None  # (nv, 10) standard parameters, where there are any
     seconds: float
     lines: int
@@ -86,13 +85,13 @@ def motion(log: ea.Log, regressors: ea.Regressors) -> Motion:
     columns: dict[str, Column] = {"q": lambda q, v, a: q, "v": lambda q, v, a: v, "a": lambda q, v, a: a}
     found = torques_of(log, regressors, columns)
     q, v, a = np.moveaxis(found.regressor[:, :, -3:], 2, 0)
-    return Motion(q, v, a, found.tau)
+    block = regressors.block("coulomb")
+    turned = np.einsum("nii->ni", found.regressor[:, :, block]) * regressors.scale[block]
+    return Motion(q, v, a, found.tau, turned)
 
 
-def turning(robot: ea.Robot, speed: float) -> ea.Regressors:
-    regressors = ea.Regressors(robot, joint_terms=JOINT_TERMS)
-    regressors.coulomb_speed = speed
-    return regressors
+def regressors_of(robot: ea.Robot) -> ea.Regressors:
+    return ea.Regressors(robot, joint_terms=JOINT_TERMS)
 
 
 def fastest(run: Callable[[], Any]) -> tuple[Any, float]:
@@ -117,10 +116,10 @@ def lines(*functions: Callable[..., Any]) -> int:
 
 def ours(path: Path, last: ea.Log) -> list[Row]:
     found, seconds = fastest(lambda: identified(path))
-    smooth, sign = (torques_of(last, turning(found.original, s), {}).regressor for s in (TURNING_SPEED, SIGN))
+    regressor = torques_of(last, found.regressors, {}).regressor
     bodies = found.parameters[: 10 * found.original.nv].reshape(-1, 10)
     return [
-        Row(name, smooth @ theta, sign @ theta, smooth @ theta, some, seconds, lines(identified))
+        Row(name, regressor @ theta, regressor @ theta, some, seconds, lines(identified))
         for name, theta, some in (
             ("eladapt, least squares", found.theta, None),
             ("eladapt, physical", found.physical, bodies),
@@ -129,36 +128,37 @@ def ours(path: Path, last: ea.Log) -> list[Row]:
 
 
 def urdf_row(robot: ea.Robot, last: ea.Log) -> Row:
-    both = (turning(robot, speed) for speed in (TURNING_SPEED, SIGN))
-    smooth, sign = (torques_of(last, regressors, {}).regressor @ regressors.theta for regressors in both)
+    regressors = regressors_of(robot)
+    torque = torques_of(last, regressors, {}).regressor @ regressors.theta
     bodies = np.array([body.toDynamicParameters() for body in robot.model.inertias[1:]])
-    return Row("URDF", smooth, sign, smooth, bodies, 0.0, 0)
+    return Row("URDF", torque, torque, bodies, 0.0, 0)
 
 
-def standard_columns(robot: ea.Robot, moved: Motion, speed: float) -> np.ndarray:
+def standard_columns(robot: ea.Robot, moved: Motion, turned: np.ndarray) -> np.ndarray:
     data, offset = robot.model.createData(), np.eye(robot.nv)
     return np.array([
         np.hstack([
             pin.computeJointTorqueRegressor(robot.model, data, q, v, a),
-            np.diag(a), np.diag(v), np.diag(np.tanh(v / speed)), offset,
+            np.diag(a), np.diag(v), np.diag(direction), offset,
         ])
-        for q, v, a in zip(moved.q, moved.v, moved.a, strict=True)
+        for q, v, a, direction in zip(moved.q, moved.v, moved.a, turned, strict=True)
     ])  # fmt: skip
 
 
 def plain(robot: ea.Robot, first: ea.Log) -> np.ndarray:
-    moved = motion(first, turning(robot, TURNING_SPEED))
+    moved = motion(first, regressors_of(robot))
     weight = 1 / robot.effort_limit
-    rows = standard_columns(robot, moved, TURNING_SPEED) * weight[:, None]
+    rows = standard_columns(robot, moved, np.tanh(moved.v / TURNING)) * weight[:, None]
     return np.linalg.lstsq(rows.reshape(-1, rows.shape[2]), (moved.tau * weight).ravel(), rcond=1e-9)[0]
 
 
 def plain_row(robot: ea.Robot, first: ea.Log, judged: Motion) -> Row:
     found, seconds = fastest(lambda: plain(robot, first))
-    smooth, sign = (standard_columns(robot, judged, speed) @ found for speed in (TURNING_SPEED, SIGN))
+    shapes = (np.tanh(judged.v / TURNING), judged.turned)
+    own, alike = (standard_columns(robot, judged, turned) @ found for turned in shapes)
     bodies = found[: 10 * robot.nv].reshape(-1, 10)
     written = lines(motion, standard_columns, plain)
-    return Row("plain least squares, differenced velocities", smooth, sign, smooth, bodies, seconds, written)
+    return Row("plain least squares, differenced velocities", own, alike, bodies, seconds, written)
 
 
 def bare(robot: ea.Robot) -> bytes:
@@ -178,7 +178,7 @@ def random_motion(robot: ea.Robot) -> Motion:
     rng, shape = np.random.default_rng(0), (SAMPLES, robot.nv)
     v = rng.choice([-1, 1], shape) * rng.uniform(SLOWEST, FASTEST, shape)
     a = rng.uniform(-ACCELERATION, ACCELERATION, shape)
-    return Motion(rng.uniform(-np.pi, np.pi, shape), v, a, np.zeros(shape))
+    return Motion(rng.uniform(-np.pi, np.pi, shape), v, a, np.zeros(shape), np.sign(v))
 
 
 def figaroh(python: str, robot: ea.Robot, first: ea.Log, judged: Motion, cutoff: float) -> dict[str, Any]:
@@ -205,22 +205,22 @@ def figaroh(python: str, robot: ea.Robot, first: ea.Log, judged: Motion, cutoff:
 
 def figaroh_rows(found: Mapping[str, Any], judged: Motion) -> list[Row]:
     named = {"reconstruction": "weighted least squares", "physical_fit": "physical fit"}
-    turn = np.tanh(judged.v / TURNING_SPEED) - np.sign(judged.v)
+    turn = judged.turned - np.sign(judged.v)
     rows = []
     for stage, name in named.items():
         if (torque := found.get(f"{stage}_torque")) is None:
             continue  # it found none, and the notes have what it said
-        smooth = torque + found[f"{stage}_coulomb"] * turn
+        alike = torque + found[f"{stage}_coulomb"] * turn
         seconds, written = float(found[f"{stage}_time"]), int(found["lines"])
         full = f"FIGAROH {found['version']}, {name}"
-        rows.append(Row(full, torque, torque, smooth, found[f"{stage}_bodies"], seconds, written))
+        rows.append(Row(full, torque, alike, found[f"{stage}_bodies"], seconds, written))
     return rows
 
 
 def span_angle(robot: ea.Robot, base: np.ndarray) -> float:
     """[rad] the largest principal angle between the spans of W's columns and of these (nv n, b)."""
-    random, regressors = random_motion(robot), turning(robot, SIGN)
-    rows = [regressors.torque(q, v, a) for q, v, a, _ in zip(*random, strict=True)]
+    random, regressors = random_motion(robot), regressors_of(robot)
+    rows = [regressors.torque(q, v, a) for q, v, a, *_ in zip(*random, strict=True)]
     columns = np.concatenate(np.swapaxes(rows, 0, 1))
     sized = [array / np.linalg.norm(array, axis=0) for array in (columns, base)]
     return float(scipy.linalg.subspace_angles(*sized).max())
@@ -235,7 +235,7 @@ def relative(predicted: np.ndarray, tau: np.ndarray) -> np.ndarray:
 
 def cells(row: Row, tau: np.ndarray) -> list[str]:
     errors = [f"{100 * error:.2f}" for error in relative(row.predicted, tau)]
-    shapes = [f"{100 * relative(torque, tau)[-1]:.2f}" for torque in (row.sign, row.smooth)]
+    shapes = [f"{100 * relative(row.alike, tau)[-1]:.2f}"]
     said = ["-", "-", "-"]
     if row.bodies is not None:
         least = np.array([np.linalg.eigvalsh(pseudo_inertia(body)).min() for body in row.bodies])
@@ -254,7 +254,7 @@ FIGAROH's filter is at {cutoff:g} Hz; samples within 0.2 s of a gap are masked; 
 the largest pivot. Reconstruction: {found["reconstruction_said"]}. Physical fit: {found["physical_fit_said"]}.
 
 Base parameters: FIGAROH finds {found["base"].shape[1]} on {SAMPLES} random states, `Regressors` has
-{len(turning(robot, SIGN))}; the largest principal angle between the spans of their columns is {angle:.1e} rad
+{len(regressors_of(robot))}; the largest principal angle between the spans of their columns is {angle:.1e} rad
 (asked: {SAME_SPAN:g}). Which of the standard parameters FIGAROH takes depends on the motion that it is given;
 here its rank tolerance is 1e-10 of the largest pivot.
 """
@@ -280,7 +280,7 @@ def main() -> None:
     robot = ea.Robot.load("panda")
     first, last = ea.Log.read(options.log).of(robot).parts(HELD_OUT)
     assert last is not None
-    judged = motion(last, turning(robot, TURNING_SPEED))
+    judged = motion(last, regressors_of(robot))
     rows = [urdf_row(robot, last), *ours(options.log, last), plain_row(robot, first, judged)]
     notes = NOTES
     if options.figaroh:
@@ -298,8 +298,7 @@ def main() -> None:
         "parameters",
         *joints,
         "all",
-        "all, sign",
-        "all, smooth",
+        "all, alike",
         "bodies",
         "least",
         "heaviest",

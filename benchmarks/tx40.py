@@ -16,6 +16,7 @@ from table import markdown
 
 import eladapt as ea
 from eladapt.errors import AssumedWarning, LogWarning
+from eladapt.identification.identify import WINDOW
 from eladapt.identification.rows import Column
 
 # As FIGAROH's example configures it
@@ -30,8 +31,8 @@ FIGAROH_FOUND = {  # in results/TX40_bp_5.csv of its repository, weighted, from 
     "viscous": np.array([8.08729, 5.593924, 1.98261, 1.112374, 1.854047, 0.647663]),
     "coulomb": np.array([7.014425, 8.134077, 6.282682, 2.490079, 3.041052, 0.304214]),
 }
-LISTED = 0.02  # [s] window whose joints are listed
-WINDOWS = (0.01, LISTED, 0.03, 0.05, 0.1, 0.2)  # [s]
+LISTED = WINDOW  # [s] window whose joints are listed: the default
+WINDOWS = (0.02, 0.05, LISTED, 0.2)  # [s]
 NEAR = 0.06  # of what is published
 
 
@@ -101,10 +102,7 @@ within {NEAR:.0%} of what is published: {within} of {2 * robot.nv}. Published: a
 FIGAROH: its results on the same data, as its repository has them. The wrist's coupling is three columns of
 one's own: rotor, viscous and Coulomb friction of motor 6 on joints 5 and 6.
 
-The default window, 0.2 s, does not do here, and {LISTED:g} s was chosen after comparing windows with what
-is published: so this says that the friction can be found, not that it would have been. Why longer windows are
-worse is not known. Joint 6's Coulomb friction is the weakest: its standard deviation is far wider than
-{NEAR:.0%}. The worst joint's error [%] by window:
+Joint 6's Coulomb friction is hardly told: see its standard deviation. The worst joint's error [%] by window:
 
 {markdown(["window [s]", "viscous", "Coulomb", "Coulomb, joints 1 to 5"], windows)}"""
 

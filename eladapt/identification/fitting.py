@@ -9,7 +9,7 @@ import scipy.linalg
 
 from eladapt.errors import ArgumentError
 from eladapt.identification.row_noise import noise_covariances
-from eladapt.identification.rows import Rows
+from eladapt.identification.rows import OVERLAP, Rows
 
 ROUNDS = 8  # of weighting each joint's rows by the noise that they turn out to have; 3 are typical
 STEADY = 1e-3  # relative change of the noise at which they end
@@ -36,12 +36,12 @@ def fit(rows: Rows, start: np.ndarray) -> Fit:
     Each joint's rows are weighted by the noise that they turn out to have, in rounds. Noise of a log is not
     white (windows overlap, and what a model lacks lasts), nor independent between joints. So the covariance
     is F S F, F = (sum omega' omega)^-1 of weighted rows and S the sum over lags k of omega(t)' C(k)
-    omega(t + k), with C(k) of `noise_covariances`. Raises ArgumentError where fewer rows hold than there are
-    parameters.
+    omega(t + k), with C(k) of `noise_covariances`. Raises ArgumentError where fewer independent
+    rows hold than there are parameters.
     """
     _, y, omega, holds = rows
     counts, size = holds.sum(axis=0), len(start)
-    if counts.sum() < size:
+    if counts.sum() < OVERLAP / 2 * size:  # rows that overlap say partly the same
         raise ArgumentError(
             f"log: {counts.sum()} rows in which a joint moves, for {size} parameters: it is too short, or "
             "most of it is at rest. Record a motion in which every joint moves (see `excitation`)"
@@ -57,6 +57,7 @@ def fit(rows: Rows, start: np.ndarray) -> Fit:
         noise = np.where(counts > 0, np.maximum(noise, LEAST_NOISE * typical), typical)
         if least and np.abs(noise / before - 1).max() < STEADY:
             break
+        least = 1 / (DOUBT * typical)
     values, vectors = np.linalg.eigh(_spread(residual / noise, omega / noise[:, None], holds, told))
     values = np.maximum(values, LEAST_VARIANCE * values.max())
     half = (vectors * np.sqrt(values)).T / told.singular @ told.right  # covariance = half' half

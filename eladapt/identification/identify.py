@@ -22,7 +22,7 @@ from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 
-WINDOW = 0.2  # [s] of one average; on a real Panda's log 0.1 to 0.4 s are right within 0.05 %
+WINDOW = 0.1  # [s] of one average
 STICTION_SPEED = 0.01  # [rad/s]
 CORRELATION = 0.1  # [s] of what disturbs a controller's filtered rows: 2 / pole
 
@@ -44,13 +44,14 @@ def identify(
     log: a `Log`, whose last part (``held_out``, a share of its time) only judges; or the state of a
     `CompositeController` of this robot, behind a gate or not, for what it has learned so far.
 
-    Its rows are the force balance over windows of ``window`` [s], without those in which a joint may stick
-    (at most ``stiction_speed`` [rad/s]); they are weighted by the noise that they turn out to have. Where the
-    log does not tell, the URDF's values stay, and ``found.untold`` names what they are. joint_terms: see
-    `Regressors`. columns: torques beside those, by name: functions of joint coordinates, velocities and
-    accelerations (nv,) that give what a unit of the parameter makes in each joint (nv,); for example
-    {"viscous(5 with 6)": lambda q, v, a: ...}. physical: also find the physical parameters nearest the URDF's
-    that fit as well (extra ``identify``), which `Identified.robot` and `Identified.save_urdf` need.
+    Its rows are the force balance over windows of ``window`` [s], without what a joint does below
+    ``stiction_speed`` [rad/s], where it may stick; they are weighted by the noise that they turn out to have.
+    Where the log does not tell, the URDF's values stay, and ``found.untold`` names what they are.
+    joint_terms: see `Regressors`. columns: torques beside those, by name: functions of joint coordinates,
+    velocities and accelerations (nv,) that give what a unit of the parameter makes in each joint (nv,); for
+    example {"viscous(5 with 6)": lambda q, v, a: ...}. physical: also find the physical parameters nearest
+    the URDF's that fit as well (extra ``identify``), which `Identified.robot` and `Identified.save_urdf`
+    need.
 
     Warns (LogWarning) of what looks wrong in the log. Raises ArgumentError for a log at rest, without torque,
     or with fewer rows than parameters; UnknownNameError for joints that it does not have.
@@ -70,7 +71,7 @@ def identify(
     for remark in told:
         warnings.warn(f"log of {robot.name}: {remark}", LogWarning, stacklevel=2)
     window = require_number("window", window, 2 * log.dt)
-    speed = require_number("stiction_speed", stiction_speed, 0, closed=True)
+    speed = require_number("stiction_speed", stiction_speed, 0)
     first, last = log.parts(held_out)
     rows = rows_of(first, regressors, own, window=window, stiction_speed=speed, progress=progress)
     start = np.concatenate([regressors.theta, np.zeros(len(own))])

@@ -1,10 +1,10 @@
 """Rows y = Omega theta of a log: its force balance, averaged over windows, without acceleration.
 
 Over each step the force balance (399) holds for impulses, and so it does for any weighted sum of steps, the
-same weights standing in y and in Omega. In a controller the weights are those of a filter, which looks back.
-A log can be looked at from both sides: here they are a window cos^2 about its middle, so what noise the
-velocities have is not seen through its increments but through the derivative of the window (the modulating
-functions of Shinbrot, 1957).
+same weights standing in y and in Omega, and each joint may have weights of its own. In a controller they are
+those of a filter, which looks back. A log can be looked at from both sides: here they are a window cos^2
+about its middle, so what noise the velocities have is not seen through its increments but through the
+derivative of the window (the modulating functions of Shinbrot, 1957).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from eladapt.estimation.regressions import ForceBalance
 from eladapt.identification.log import Log
 from eladapt.regressors.regressors import Regressors
 
+FEWEST = 0.2  # of a window's weight: below, a joint has no row of it
 OVERLAP = 4  # windows over each moment
 
 # What acts on the joints beside what `Regressors` knows: (q, v, a) in joint coordinates (nv,) -> (nv,)
@@ -46,10 +47,11 @@ def rows_of(
 ) -> Rows:
     """The rows of a log that has the robot's joints in its order.
 
-    window [s]: of one average, four of which overlap; none reaches over a gap. A joint whose speed is at most
-    stiction_speed [rad/s] somewhere in a window may stick there, and has no row of it. columns: further
-    columns, behind theta's. Raises ArgumentError where no piece of the log is as long as a window, and for a
-    column that is not one number a joint.
+    window [s]: of one average, four of which overlap; none reaches over a gap. Steps in which a joint's speed
+    is at most stiction_speed [rad/s] do not count in its rows, since it may stick there; above, they count
+    more and more, up to twice that speed. A joint that moves little in a window has no row of it. columns:
+    further ones, behind theta's. Raises ArgumentError where no piece of the log is as long as a window, and
+    for a column that is not one number a joint.
     """
     robot = regressors.robot
     balance = ForceBalance(regressors)
@@ -58,7 +60,7 @@ def rows_of(
     middles = _middles(log, window)
     n, half = len(middles), 0.5 * window
     y, omega, weight = np.zeros((n, robot.nv)), np.zeros((n, robot.nv, size)), np.zeros(n)
-    holds = np.ones((n, robot.nv), dtype=bool)
+    moving = np.zeros((n, robot.nv))  # the weight of what counts
     x, v = log.q, log.velocity
     q = np.array([robot.configuration(row) for row in x])
     regressor = np.empty((robot.nv, size))
@@ -78,13 +80,14 @@ def rows_of(
                 place = robot.coordinates(point) if own and robot.nq > robot.nv else point
                 regressor += 0.5 * extended(row, own, place, velocity, slope)
             torque = log.tau[k + 1] if log.held else 0.5 * (log.tau[k] + log.tau[k + 1])
-            moving = np.minimum(np.abs(v[k]), np.abs(v[k + 1])) > stiction_speed
+            counts = np.clip(0.5 * np.abs(v[k] + v[k + 1]) / stiction_speed - 1, 0.0, 1.0)
             for i in range(first, last):
                 share = dt * np.cos(np.pi * (middle - middles[i]) / window) ** 2
-                omega[i] += share * regressor
-                y[i] += share * torque
+                omega[i] += (share * counts)[:, None] * regressor
+                y[i] += share * counts * torque
                 weight[i] += share
-                holds[i] &= moving
+                moving[i] += share * counts
+    holds = moving >= FEWEST * weight[:, None]
     omega *= np.where(holds, 1 / weight[:, None], 0)[:, :, None]
     y *= np.where(holds, 1 / weight[:, None], 0)
     return Rows(middles, y, omega, holds)

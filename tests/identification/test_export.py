@@ -5,8 +5,7 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from identification.logs import known_log
-from identification.test_identify import heavier
+from known_logs import heavier, known_log
 from shared import load
 
 import eladapt as ea

@@ -4,27 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from identification.logs import ALL, COULOMB, OFFSET, VISCOUS, known_log, truth
+from known_logs import ALL, COULOMB, OFFSET, VISCOUS, heavier, known_log, truth
 from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, LogWarning
 from eladapt.identification.rows import rows_of
 from eladapt.regressors.standard import pseudo_inertia
-from eladapt.urdf.editing import Edits
 
 ROBOTS = ("two_link", "ur5", "kinova", "panda", "talos_left_arm")
-
-
-def heavier(robot, factor=1.3):
-    """The robot file of somebody who is wrong about every mass."""
-    bodies = {}
-    for joint in robot.document().findall("joint"):
-        if joint.get("name") in robot.joint_names:
-            k = robot.model.getJointId(joint.get("name"))
-            parameters = factor * robot.model.inertias[k].toDynamicParameters()
-            bodies[joint.find("child").get("link")] = [float(x) for x in parameters]
-    return robot.edited(Edits(bodies, {}))
 
 
 @pytest.mark.parametrize("name", ROBOTS)

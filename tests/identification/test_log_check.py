@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from identification.logs import known_log
+from known_logs import known_log
 from shared import load
 
 import eladapt as ea

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 import eladapt as ea
+from eladapt.urdf.editing import Edits
 
 VISCOUS, COULOMB, OFFSET = 0.4, 0.6, 0.2  # [N m s/rad], [N m], [N m], of every joint
 ALL = ("rotor", "viscous", "coulomb", "offset")
@@ -38,3 +39,14 @@ def truth(regressors, model=None):
         block = regressors.block(name)
         theta[block] = regressors.scale[block] * value
     return theta
+
+
+def heavier(robot, factor=1.3):
+    """The robot file of somebody who is wrong about every mass."""
+    bodies = {}
+    for joint in robot.document().findall("joint"):
+        if joint.get("name") in robot.joint_names:
+            k = robot.model.getJointId(joint.get("name"))
+            parameters = factor * robot.model.inertias[k].toDynamicParameters()
+            bodies[joint.find("child").get("link")] = [float(x) for x in parameters]
+    return robot.edited(Edits(bodies, {}))

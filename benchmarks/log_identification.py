@@ -1,8 +1,8 @@
 """Identification from logs: a real Panda's, and 200 simulated ones of which everything is known.
 
-Simulated: a Panda with its hand, published friction and sensors' noise, controlled from a file whose masses are
-up to 20 % wrong and that lacks the hand, through an excitation of 20 s; then once more with 1 kg at the tool.
-Takes 50 minutes on two cores; ``--seeds 10`` three.
+Simulated: a Panda with its hand, published friction and sensors' noise, controlled from a file whose masses
+are up to 20 % wrong and that lacks the hand, through an excitation of 20 s; then once more with 1 kg at the
+tool. Takes 50 minutes on two cores; ``--seeds 10`` three.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Logged(Wrapper):
         return self.kept[-1].copy()
 
     def log(self) -> ea.Log:
-        arrays = (np.array([getattr(m, name) for m in self.kept]) for name in ("t", "q", "v", "tau"))
-        return ea.Log(*arrays, joint_names=self.robot.joint_names, held=True)
+        t, q, v, tau = (np.array([getattr(m, name) for m in self.kept]) for name in ("t", "q", "v", "tau"))
+        return ea.Log(t, q, v, tau, self.robot.joint_names, held=True)
 
 
 class Outcome(NamedTuple):
@@ -113,9 +113,8 @@ def one(seed: int) -> Outcome:
     W = np.array([regressors.torque(*at) for at in zip(course.q, course.v, course.a, strict=True)])
     right = np.linalg.norm(W @ theta)
     assert found.physical is not None
-    errors = [
-        np.linalg.norm(W @ (t - theta)) / right for t in (found.theta, found.physical, regressors.theta)
-    ]
+    by = (found.theta, found.physical, regressors.theta)
+    errors = [float(np.linalg.norm(W @ (told - theta)) / right) for told in by]
     rng = np.random.default_rng(seed)
     gravity = np.zeros(2)
     for _ in range(POSTURES):
@@ -178,7 +177,7 @@ def main() -> None:
     said = " ".join(str(__doc__).split("Simulated: ")[1].split())
     head = ["simulated Panda", "figure: median (largest)"]
     table.write(
-        "identification", f"Identification from logs, {options.seeds} seeds", head, rows, said + extra
+        "log_identification", f"Identification from logs, {options.seeds} seeds", head, rows, said + extra
     )
 
 
