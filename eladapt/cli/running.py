@@ -21,6 +21,7 @@ from eladapt.motion.motions import move
 from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import require_within
 from eladapt.safety.gated import GatedController
 from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import PinocchioPlant
@@ -123,12 +124,10 @@ def _posture(robot: Robot, name: str, given: list[list[float]] | None, otherwise
             f"{name}: expected {robot.nv} numbers, for {', '.join(robot.joint_names)}; got {len(x)}"
         )
     x = require_vector(name, x, robot.nv)
-    outside = (x < robot.lower) | (x > robot.upper)
-    if given is not None and outside.any():
-        k = int(np.argmax(outside))
-        limits = f"{robot.lower[k]:.4g} to {robot.upper[k]:.4g}"
-        raise ArgumentError(f"{name}: {x[k]:g} is outside the limits of {robot.joint_names[k]}, {limits}")
-    return robot.configuration(x)
+    q = robot.configuration(x)
+    if given is not None:
+        require_within(robot, q, name)
+    return q
 
 
 def _own_goal(robot: Robot) -> np.ndarray:

@@ -110,8 +110,8 @@ def run_loop(
 
     Raises LoopError, with record, state and timing so far, for whatever the robot, the goal or the controller
     raises. Before the robot starts: StateError for a checkpoint that cannot be written, and ArgumentError for
-    one that cannot be named so, for a set-point beyond the joint limits or one that the effort limits cannot
-    hold.
+    one that cannot be named so, for an interface that lacks a method, for what is no goal, a set-point beyond
+    the joint limits or one that the effort limits cannot hold.
     """
     dt = require_number("dt", dt, 0)
     steps = round(require_number("duration", duration, 0) / dt)
@@ -119,6 +119,7 @@ def run_loop(
         raise ArgumentError(f"duration: expected at least one step of {dt:g} s, got {duration:g} s")
     if (fault := getattr(state, "fault", None)) is not None:
         raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
+    _require_interface(interface)
     _require_reachable(controller.robot, goal)
     shaping = Shaped(controller, limits) if shaped and not isinstance(controller, Shaped) else None
     after_fault = require_number("after_fault", after_fault, 0, closed=True)
@@ -270,18 +271,30 @@ def _unstopped(loop: _Loop, interruption: Interruption) -> str:
     return said
 
 
-def _require_reachable(robot: Robot, goal: GoalCourse) -> None:
-    """Raises ArgumentError for a set-point beyond the joint limits, or that the effort limits cannot hold.
+def _require_interface(interface: Any) -> None:
+    """Raises ArgumentError for what lacks a method of `RobotInterface`: without `stop` nothing may start."""
+    methods = ("start", "read", "write", "stop")
+    if missing := [name for name in methods if not callable(getattr(interface, name, None))]:
+        raise ArgumentError(
+            f"interface: expected a robot with the methods {', '.join(methods)}, see RobotInterface; "
+            f"{type(interface).__name__} lacks {', '.join(missing)}"
+        )
 
-    What is no goal at all is left to the gate.
-    """
-    try:
-        q = None if callable(goal) else robot.check_goal(goal).q
-    except ArgumentError:
+
+def _require_reachable(robot: Robot, goal: GoalCourse) -> None:
+    """Raises ArgumentError for what is no goal, for a set-point beyond the joint limits, or one that the
+    effort limits cannot hold; a callable is left to the gate."""
+    if callable(goal):
         return
-    if q is not None:
-        require_within(robot, q, "goal")
-        require_holdable(robot, q, "goal")
+    try:
+        q = robot.check_goal(goal).q
+    except (ArgumentError, TypeError, ValueError) as reason:
+        raise ArgumentError(
+            f"{reason}; expected q_d ({robot.nq},), a Reference, or a callable of the time [s] that returns "
+            f"either, got {goal!r}"
+        ) from reason
+    require_within(robot, q, "goal")
+    require_holdable(robot, q, "goal")
 
 
 def _warm_up(controller: BareController, shaping: Shaped | None, dt: float) -> Any:
