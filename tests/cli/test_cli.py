@@ -77,6 +77,7 @@ WRONG = [
     (("run", "two_link", "--dt", "0"), 1, "--dt"),
     (("run", "two_link", "--duration", "inf"), 1, "--duration"),
     (("run", "two_link", "--duration", "1e-9"), 1, "--duration: expected at least a step"),
+    (("run", "two_link", "--duration", "1e9"), 1, "a record of 1e+12 samples takes "),
     (("run", "two_link", "--out", "run.npz/here"), 1, "run.npz"),
     (("report", "nowhere.npz"), 1, "no such record"),
     (("report", "text.npz"), 1, "not a record"),

@@ -287,6 +287,15 @@ def test_a_fixed_goal_that_is_none_is_refused_before_the_robot_starts(goal, said
     assert interface.calls == []
 
 
+def test_a_record_that_memory_does_not_hold_is_refused_before_the_robot_starts():
+    """With what it would take, and what there is."""
+    _, controller, plant, goal = made()
+    interface = Simulated(plant)
+    with pytest.raises(ArgumentError, match=r"of 2e\+11 samples takes .* GB of memory, this computer has"):
+        ea.run_loop(controller, interface, goal, 1e9, DT)
+    assert interface.calls == []
+
+
 def test_garbage_collection_is_as_before():
     assert gc.isenabled()
     with undisturbed():
