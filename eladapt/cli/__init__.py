@@ -116,7 +116,7 @@ def _parser() -> _Parser:
         "--payload", type=float, metavar="KG", help="a load at the tool, of which nobody tells the controller"
     )
     run.add_argument(
-        "--attach", type=float, default=0.0, metavar="S", help="when the load is attached (default: 0)"
+        "--attach", type=float, metavar="S", help="when the load of --payload is attached (default: 0)"
     )
     run.add_argument("--theta0", choices=("urdf", "zero"), default="urdf",
                      help="what the controller knows of the arm at the start (default: urdf)")  # fmt: skip

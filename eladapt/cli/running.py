@@ -21,7 +21,7 @@ from eladapt.motion.motions import move
 from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.robot.postures import require_within
+from eladapt.robot.postures import require_holdable, require_within
 from eladapt.safety.gated import GatedController
 from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import PinocchioPlant
@@ -45,6 +45,7 @@ def run(options: argparse.Namespace) -> int:
     if duration < dt:
         raise ArgumentError(f"--duration: expected at least a step of {dt:g} s, got {duration:g} s")
     plant = _plant(robot, start, options)
+    _say_too_heavy(robot, plant.payload, goal)
     controller = CompositeController.for_robot(robot, dt)
     stepped = controller if options.jump else Shaped(GatedController.for_robot(controller, dt))
     title = robot.name + (f", {options.payload:g} kg" if options.payload is not None else "")
@@ -100,11 +101,7 @@ def report(options: argparse.Namespace) -> None:
 
 
 def _plant(robot: Robot, start: np.ndarray, options: argparse.Namespace) -> Any:
-    load = None
-    if options.payload is not None:
-        mass = require_number("--payload", options.payload, 0)
-        attach = require_number("--attach", options.attach, 0, closed=True)
-        load = Payload(mass, attach=attach)
+    load = _load(options)
     spread = require_number("--noise", options.noise, 0, closed=True)
     if options.seed < 0:
         raise ArgumentError(f"--seed: expected 0 or more, got {options.seed}")
@@ -114,6 +111,26 @@ def _plant(robot: Robot, start: np.ndarray, options: argparse.Namespace) -> Any:
 
         return MujocoPlant(robot, start, **given)
     return PinocchioPlant(robot, start, **given)
+
+
+def _load(options: argparse.Namespace) -> Payload | None:
+    if options.payload is None:
+        if options.attach is not None:
+            raise ArgumentError("--attach: expected with --payload, which says how heavy the load is")
+        return None
+    mass = require_number("--payload", options.payload, 0)
+    attach = 0.0 if options.attach is None else require_number("--attach", options.attach, 0, closed=True)
+    return Payload(mass, attach=attach)
+
+
+def _say_too_heavy(robot: Robot, load: Payload | None, goal: np.ndarray) -> None:
+    """A load that the motors cannot hold at the goal may be what one wants to see; but not unawares."""
+    if load is None:
+        return
+    try:
+        require_holdable(dataclasses.replace(robot, model=load.loaded(robot)), goal, "--goal")
+    except ArgumentError as reason:
+        say(f"warning: with {load.mass:g} kg, too heavy for this arm: {reason}", file=sys.stderr)
 
 
 def _posture(robot: Robot, name: str, given: list[list[float]] | None, otherwise: np.ndarray) -> np.ndarray:
@@ -178,6 +195,7 @@ def _say(record: Record, controller: CompositeController) -> None:
     say(f"fault: {m.faults_said}")
     if record.carried is not None:
         load = carried(controller, record.final_state)
-        say(f"load, as estimated: {load.mass:.4g} kg")
+        said = f"{load.mass:.4g} kg" if np.isfinite(load.mass) else "not known, this motion does not tell it"
+        say(f"load, as estimated: {said}")
     if controller.regressors.n_friction:
         say_table(friction(controller, record.final_state))

@@ -221,7 +221,8 @@ class Belief:
         if deaf.any():
             i = int(deaf.argmax())
             said = (
-                f"{names[i]!r} does not answer its torque: encoder or drive are dead, or something holds it"
+                f"{names[i]!r} does not answer its torque: encoder or drive are dead, something holds it, or "
+                "what it carries is too heavy"
             )
             return Alarm("unresponsive", said)
         allowed = self.contradiction + CONTRADICTION * state.way + 8 * np.sqrt(state.jitter)

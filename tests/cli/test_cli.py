@@ -72,6 +72,7 @@ WRONG = [
     (("run", "two_link", "--start", "1", "99"), 1, "--start: elbow at 99 is beyond its limits, "),
     (("run", "two_link", "--payload", "-2"), 1, "--payload: expected a finite number in (0, inf), got -2"),
     (("run", "two_link", "--payload", "1", "--attach", "-1"), 1, "--attach"),
+    (("run", "two_link", "--attach", "1"), 1, "--attach: expected with --payload"),
     (("run", "two_link", "--noise", "-1"), 1, "--noise"),
     (("run", "two_link", "--seed", "-1"), 1, "--seed"),
     (("run", "two_link", "--dt", "0"), 1, "--dt"),
@@ -222,6 +223,21 @@ def test_a_run_says_what_became_of_the_limits(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert re.search(r"\nlargest speed: 3\d\d% of the limit, J2 at 0\.00\d s, above it for 0\.\d+ s\n", said)
     assert "\nfault: not recorded\n" in said
+
+
+def test_a_load_that_is_too_heavy_is_said_so(tmp_path, monkeypatch, capsys):
+    """Before the run, and among what the gate takes for the cause; an estimate that is none is said in
+    words."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "panda", "--payload", "1000", "--duration", "0.1", "--no-certificates"]) == 3
+    out, err = capsys.readouterr()
+    assert re.search(
+        r"warning: with 1000 kg, too heavy for this arm: --goal: panda_joint\d cannot be held", err
+    )
+    assert "what it carries is too heavy" in out
+    assert "load, as estimated: not known" in out
+    assert "panda_joint7  not known" in out
+    assert "nan" not in out
 
 
 def test_a_run_that_diverges_keeps_what_happened(tmp_path, monkeypatch, capsys):
