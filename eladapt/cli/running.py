@@ -21,7 +21,7 @@ from eladapt.motion.motions import move
 from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.robot.postures import require_holdable, require_within
+from eladapt.robot.postures import require_within, unholdable
 from eladapt.safety.gated import GatedController
 from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import PinocchioPlant
@@ -127,10 +127,11 @@ def _say_too_heavy(robot: Robot, load: Payload | None, goal: np.ndarray) -> None
     """A load that the motors cannot hold at the goal may be what one wants to see; but not unawares."""
     if load is None:
         return
-    try:
-        require_holdable(dataclasses.replace(robot, model=load.loaded(robot)), goal, "--goal")
-    except ArgumentError as reason:
-        say(f"warning: with {load.mass:g} kg, too heavy for this arm: {reason}", file=sys.stderr)
+    if said := unholdable(dataclasses.replace(robot, model=load.loaded(robot)), goal):
+        say(
+            f"warning: --payload: {load.mass:g} kg are too heavy for this arm at its goal: {said}",
+            file=sys.stderr,
+        )
 
 
 def _posture(robot: Robot, name: str, given: list[list[float]] | None, otherwise: np.ndarray) -> np.ndarray:

@@ -52,14 +52,21 @@ def require_within(
         raise ArgumentError(f"{name}: {said}")
 
 
-def require_holdable(robot: Robot, q: np.ndarray, name: str, effort: np.ndarray | None = None) -> None:
-    """Raises ArgumentError, with joint and figures, where gravity at q (nq,) takes more than the effort (nv,)
-    [N m], None for the robot's."""
+def unholdable(robot: Robot, q: np.ndarray, effort: np.ndarray | None = None) -> str:
+    """Which joint cannot be held, since gravity at q (nq,) takes more than the effort (nv,) [N m], None for
+    the robot's, with figures; "" where all can."""
     effort = robot.effort_limit if effort is None else effort
     gravity = robot.gravity(q)
     k = int(np.argmax(np.abs(gravity) / effort))
-    if abs(gravity[k]) > effort[k]:
-        raise ArgumentError(
-            f"{name}: {robot.joint_names[k]} cannot be held there: gravity takes {abs(gravity[k]):.4g} N m, "
-            f"the effort limit is {effort[k]:.4g} N m; are masses and lengths in kg and m?"
-        )
+    if abs(gravity[k]) <= effort[k]:
+        return ""
+    return (
+        f"{robot.joint_names[k]} cannot be held there: gravity takes {abs(gravity[k]):.4g} N m, "
+        f"the effort limit is {effort[k]:.4g} N m; are masses and lengths in kg and m?"
+    )
+
+
+def require_holdable(robot: Robot, q: np.ndarray, name: str, effort: np.ndarray | None = None) -> None:
+    """Raises ArgumentError, with joint and figures, where q (nq,) is `unholdable`."""
+    if said := unholdable(robot, q, effort):
+        raise ArgumentError(f"{name}: {said}")

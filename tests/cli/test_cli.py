@@ -232,7 +232,8 @@ def test_a_load_that_is_too_heavy_is_said_so(tmp_path, monkeypatch, capsys):
     assert main(["run", "panda", "--payload", "1000", "--duration", "0.1", "--no-certificates"]) == 3
     out, err = capsys.readouterr()
     assert re.search(
-        r"warning: with 1000 kg, too heavy for this arm: --goal: panda_joint\d cannot be held", err
+        r"warning: --payload: 1000 kg are too heavy for this arm at its goal: panda_joint\d cannot be held",
+        err,
     )
     assert "what it carries is too heavy" in out
     assert "load, as estimated: not known" in out
