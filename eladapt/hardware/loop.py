@@ -26,17 +26,17 @@ from eladapt.hardware.bookkeeping import Bookkeeping
 from eladapt.hardware.interruption import Interruption
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.motion.limits import MotionLimits
-from eladapt.motion.shaped import Shaped
+from eladapt.motion.shaped import Shaped, shapes
 from eladapt.records.record import Record
 from eladapt.records.state_file import on_clock
+from eladapt.robot.joint_limits import speed
 from eladapt.robot.model import Robot
 from eladapt.robot.postures import require_holdable, require_within
-from eladapt.robot.protocols import BareController, Goal, GoalCourse
+from eladapt.robot.protocols import BareController, Goal, GoalCourse, require_controller
 from eladapt.signals import Measurement, Reference
 
 GAP = 1.0  # [s] between two runs whose clocks have nothing to do with each other: filters start afresh
 MOVING = 0.02  # of its speed limit: a joint that is faster does not rest; noise and encoders make less
-UNLIMITED = 2.0  # [rad/s] the speed limit of a joint that has none
 WARM_UP = 20  # steps before the robot starts: they import, allocate and compile
 
 
@@ -119,9 +119,10 @@ def run_loop(
         raise ArgumentError(f"duration: expected at least one step of {dt:g} s, got {duration:g} s")
     if (fault := getattr(state, "fault", None)) is not None:
         raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
+    require_controller(controller)
     _require_interface(interface)
     _require_reachable(controller.robot, goal)
-    shaping = Shaped(controller, limits) if shaped and not isinstance(controller, Shaped) else None
+    shaping = Shaped(controller, limits) if shaped and not shapes(controller) else None
     after_fault = require_number("after_fault", after_fault, 0, closed=True)
     warm = _warm_up(controller, shaping, dt)
     books = Bookkeeping(controller, dt, steps + 1, title, warm if state is None else state, checkpoint, every)
@@ -260,8 +261,7 @@ def _unstopped(loop: _Loop, interruption: Interruption) -> str:
         return ""
     if not t > loop.latest:  # the last one again
         return ""
-    limit = np.where(np.isfinite(loop.robot.velocity_limit), loop.robot.velocity_limit, UNLIMITED)
-    share = np.abs(v) / limit
+    share = np.abs(v) / speed(loop.robot.velocity_limit)
     i = int(share.argmax())
     if share[i] <= MOVING:
         return ""

@@ -16,7 +16,14 @@ from eladapt.compiling import SCALAR, VECTOR, VIEW, kernel, prepare
 from eladapt.errors import ArgumentError, GoalWarning, require_number
 from eladapt.motion.limits import MotionLimits
 from eladapt.robot.postures import beyond
-from eladapt.robot.protocols import Around, BareController, Goal, handed_on, of_the_inner
+from eladapt.robot.protocols import (
+    Around,
+    BareController,
+    Goal,
+    handed_on,
+    of_the_inner,
+    require_controller,
+)
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 
@@ -143,7 +150,8 @@ class Shaped(Around):
     once it is reached. A goal beyond the joint limits is taken just inside, by `INSIDE`. While a gate inside
     holds a fault, the reference stands where the arm is.
 
-    limits: None for `MotionLimits.for_robot` of the controller's robot. Put it around a gate, so that the
+    limits: None for `MotionLimits.for_robot` of the controller's robot. Raises ArgumentError for what is no
+    controller, one that is shaped already, and limits of other joints. Put it around a gate, so that the
     gate judges what the controller is asked for: ``Shaped(GatedController.for_robot(controller))``.
     """
 
@@ -152,6 +160,15 @@ class Shaped(Around):
 
     def __post_init__(self) -> None:
         prepare()
+        require_controller(self.controller)
+        if shapes(self.controller):
+            raise ArgumentError(
+                f"controller: expected one without Shaped in it, got {self.controller!r}; shape a goal once"
+            )
+        if not isinstance(self.limits, MotionLimits | None):
+            raise ArgumentError(
+                f"limits: expected MotionLimits, or None for MotionLimits.for_robot, got {self.limits!r}"
+            )
         limits = self.limits or MotionLimits.for_robot(self.controller.robot)
         if limits.robot.joint_names != self.controller.robot.joint_names:
             raise ArgumentError(
@@ -285,6 +302,15 @@ class Shaped(Around):
             return self._here(measurement)
         except (ArgumentError, TypeError, ValueError, OverflowError):
             return None
+
+
+def shapes(controller: Any) -> bool:
+    """Whether a controller, or the one inside of whatever it is, is `Shaped`."""
+    while not isinstance(controller, Shaped):
+        if not isinstance(controller, Around):
+            return False
+        controller = controller.controller
+    return True
 
 
 def _planning(jerk: np.ndarray) -> _Planning:

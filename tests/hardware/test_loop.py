@@ -296,6 +296,16 @@ def test_a_record_that_memory_does_not_hold_is_refused_before_the_robot_starts()
     assert interface.calls == []
 
 
+def test_a_goal_that_is_shaped_inside_a_gate_is_not_shaped_again():
+    """The state is that of the controller given, whose innermost holds the reference."""
+    robot, controller, plant, goal = made()
+    inside = ea.GatedController.for_robot(ea.Shaped(controller.controller), DT)
+    result = ea.run_loop(inside, Simulated(plant), goal, 0.1, DT)
+    assert isinstance(result.state.inner.reference, ea.Reference)
+    with pytest.raises(ArgumentError, match="controller: expected a controller, got Robot"):
+        ea.run_loop(robot, Simulated(plant), goal, 0.1, DT)
+
+
 def test_garbage_collection_is_as_before():
     assert gc.isenabled()
     with undisturbed():

@@ -190,7 +190,15 @@ def test_a_fault_holds_the_reference_where_the_arm_is():
     assert np.abs(robot.difference(state.reference.q, measurement.q)).max() < 1e-3
 
 
-def test_limits_of_another_robot_are_refused():
+def test_what_cannot_be_shaped_and_limits_of_another_robot_are_refused():
+    with pytest.raises(ArgumentError, match=r"limits: expected MotionLimits.*, got 3"):
+        ea.Shaped(ea.CompositeController.for_robot(load("ur5"), DT), limits=3)
+    with pytest.raises(ArgumentError, match=r"controller: .* CompositeController\.for_robot"):
+        ea.Shaped(load("ur5"))
+    shaped = ea.Shaped(ea.CompositeController.for_robot(load("two_link"), DT))
+    for around in (shaped, ea.GatedController.for_robot(shaped, DT)):
+        with pytest.raises(ArgumentError, match="expected one without Shaped in it"):
+            ea.Shaped(around)
     with pytest.raises(ArgumentError, match="limits: expected those of the joints"):
         ea.Shaped(ea.CompositeController.for_robot(load("ur5")), ea.MotionLimits.for_robot(load("panda")))
 

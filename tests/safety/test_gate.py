@@ -1,6 +1,7 @@
 """Behind the gate, whatever is measured or computed, the torque is finite and within its limits."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -285,6 +286,13 @@ def test_what_does_not_fit_is_refused():
     for name in ("least", "against", "silent", "rotor", "contradiction", "still"):
         with pytest.raises(ArgumentError, match=name):
             dataclasses.replace(gate.belief, **{name: -1.0})
+    for name, value in (("contact", "a lot"), ("torque_rate", [1.0]), ("lower", "low"), ("max_age", "old")):
+        with pytest.raises(ArgumentError, match=f"{name}: expected .*, got {re.escape(repr(value))}"):
+            ea.TorqueGate.for_robot(robot, **{name: value})
+    with pytest.raises(ArgumentError, match=r"controller: .* CompositeController\.for_robot"):
+        ea.GatedController.for_robot(robot)
+    with pytest.raises(ArgumentError, match=r"controller: .* int lacks robot, init, step"):
+        ea.GatedController.for_robot(3)
     with pytest.raises(ArgumentError, match="lower < upper"):
         dataclasses.replace(gate, lower=1.0, upper=0.0)
     with pytest.raises(ArgumentError, match="controller's joints"):
