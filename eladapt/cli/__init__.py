@@ -184,8 +184,8 @@ def _robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mend", action="store_true",
                         help="take the nearest physical inertia for a body that is none")  # fmt: skip
     parser.add_argument("--density", type=float, metavar="KG/M3",
-                        help="weigh moving links that have no inertia by their shapes, of this density "
-                        "(aluminium: 2700)")  # fmt: skip
+                        help="weigh moving links that have no inertia by their shapes, of this density, "
+                        "10 to 23000 (aluminium: 2700)")  # fmt: skip
 
 
 def _folders(parser: argparse.ArgumentParser) -> None:
