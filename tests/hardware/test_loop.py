@@ -171,6 +171,26 @@ def test_a_robot_that_has_stopped_need_not_answer(answer):
     assert (result.ended, result.unstopped) == ("duration", "")
 
 
+def test_a_sample_of_before_the_stop_says_nothing_of_after_it():
+    """An interface that gives the last sample again, in the midst of the move, is not taken for an arm that
+    moves on."""
+    _, controller, plant, goal = made()
+
+    class Stale(Simulated):
+        def read(self):
+            if "stop" not in self.calls:
+                self.last = super().read()
+            return self.last
+
+        def stop(self):
+            self._note("stop")
+
+    interface = Stale(plant)
+    result = ea.run_loop(controller, interface, goal, 0.3, DT)
+    assert np.abs(interface.last.v).max() > 0.1, "it moved"
+    assert result.unstopped == ""
+
+
 def test_a_gate_that_asks_for_brakes_ends_the_loop_in_that_tick():
     """Sensors that fail for good: all samples until then are kept, bad ones as nan; stop follows at once."""
     _, controller, plant, goal = made()
