@@ -20,8 +20,9 @@ from eladapt.files import file_name
 from eladapt.motion.motions import move
 from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
+from eladapt.records.recorder import LONGEST
 from eladapt.robot.model import Robot
-from eladapt.robot.postures import require_within, unholdable
+from eladapt.robot.postures import require_holdable, require_within, unholdable
 from eladapt.safety.gated import GatedController
 from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import PinocchioPlant
@@ -39,9 +40,11 @@ def run(options: argparse.Namespace) -> int:
     goal = _posture(robot, "--goal", options.goal, _own_goal(robot))
     start = _posture(robot, "--start", options.start, robot.home)
     dt = require_number("--dt", options.dt, 0)
+    if not options.jump:
+        require_holdable(robot, goal, "--goal")
     planned = move(robot, start, goal).duration if not options.jump else SHORTEST
     duration = max(SHORTEST, planned + REST) if options.duration is None else options.duration
-    duration = require_number("--duration", duration, 0)
+    duration = require_number("--duration", duration, 0, LONGEST)
     if duration < dt:
         raise ArgumentError(f"--duration: expected at least a step of {dt:g} s, got {duration:g} s")
     plant = _plant(robot, start, options)

@@ -28,6 +28,7 @@ from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.motion.limits import MotionLimits
 from eladapt.motion.shaped import Shaped, shapes
 from eladapt.records.record import Record
+from eladapt.records.recorder import LONGEST
 from eladapt.records.state_file import on_clock
 from eladapt.robot.joint_limits import speed
 from eladapt.robot.model import Robot
@@ -114,7 +115,7 @@ def run_loop(
     the joint limits or one that the effort limits cannot hold.
     """
     dt = require_number("dt", dt, 0)
-    steps = round(require_number("duration", duration, 0) / dt)
+    steps = round(require_number("duration", duration, 0, LONGEST) / dt)
     if steps < 1:
         raise ArgumentError(f"duration: expected at least one step of {dt:g} s, got {duration:g} s")
     if (fault := getattr(state, "fault", None)) is not None:

@@ -47,6 +47,7 @@ SAMPLED = (
 )
 REVIEWED = ("excitation", "carried")
 REVIEW_PERIOD = 1 / 30  # [s] as often as it is drawn
+LONGEST = 1e12  # [s] that a run may be asked to last; how long a record memory holds is another matter
 COPIES = 2  # of every sample: the recorder's, and the record's
 
 

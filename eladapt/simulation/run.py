@@ -12,7 +12,7 @@ from tqdm import tqdm
 from eladapt.compiling import prepare
 from eladapt.errors import BrakesWarning, EladaptError, SimulationError, printable, require_number
 from eladapt.records.record import Record
-from eladapt.records.recorder import Recorder
+from eladapt.records.recorder import LONGEST, Recorder
 from eladapt.robot.protocols import (
     BareController,
     GoalCourse,
@@ -49,7 +49,7 @@ def simulate(
     or goal fail on the way.
     """
     dt = require_number("dt", dt, 0)
-    steps = round(require_number("duration", duration, 0) / dt)
+    steps = round(require_number("duration", duration, 0, LONGEST) / dt)
     require_controller(controller)
     robot = plant.robot
     prepare()

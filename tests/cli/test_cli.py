@@ -15,6 +15,11 @@ from eladapt.cli import main
 BROKEN = """<robot name="r"><link name="a"/><link name="b"/>
 <joint name="j" type="{}"><parent link="{}"/><child link="b"/></joint></robot>"""
 
+LINK = """<link name="{0}"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
+<inertia ixx="0.03" iyy="0.04" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{1}" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>"""
+
 
 def run(*arguments, folder=None):
     """The command in a process of its own, as from a shell."""
@@ -36,6 +41,8 @@ def files(tmp_path_factory):
     (folder / "cut.npz").write_bytes((folder / "run.npz").read_bytes()[:3000])
     (folder / "loose.urdf").write_text(BROKEN.format("hinge", "nowhere"))
     (folder / "not.urdf").write_text("<robot")
+    weak = JOINT.replace("{1}", "j1").replace("50", "3")
+    (folder / "weak.urdf").write_text(f'<robot name="r"><link name="base"/>{LINK.format("l1")}{weak}</robot>')
     return folder
 
 
@@ -84,6 +91,8 @@ WRONG = [
     (("run", "two_link", "--dt", "0"), 1, "--dt"),
     (("run", "two_link", "--duration", "inf"), 1, "--duration"),
     (("run", "two_link", "--duration", "1e-9"), 1, "--duration: expected at least a step"),
+    (("run", "two_link", "--duration", "1e308"), 1, "--duration: expected a finite number in (0, 1e+12)"),
+    (("run", "weak.urdf", "--goal", "1.5"), 1, "--goal: j1 cannot be held there: gravity takes 3.9"),
     (("run", "two_link", "--duration", "1e9"), 1, "a record of 1e+12 samples takes "),
     (("run", "two_link", "--out", "run.npz/here"), 1, "run.npz"),
     (("report", "nowhere.npz"), 1, "no such record"),
@@ -275,10 +284,6 @@ def test_live_shows_the_run_while_it_goes_on(tmp_path, monkeypatch, capsys):
     assert "The arm can be seen at http://127.0.0.1:" in capsys.readouterr().out
 
 
-LINK = """<link name="{0}"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
-<inertia ixx="0.03" iyy="0.04" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{1}" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
-<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>"""
 # An 8-bit and a 7-bit command for the terminal, a bell, and letters that run from right to left.
 STEERING = "J\u009b31m\x1b]0;owned\x07\u202etxt\u2066"
 

@@ -313,6 +313,8 @@ def test_a_record_that_memory_does_not_hold_is_refused_before_the_robot_starts()
     interface = Simulated(plant)
     with pytest.raises(ArgumentError, match=r"of 2e\+11 samples takes .* GB of memory, this computer has"):
         ea.run_loop(controller, interface, goal, 1e9, DT)
+    with pytest.raises(ArgumentError, match="duration: expected a finite number"):
+        ea.run_loop(controller, interface, goal, 1e308, DT)
     assert interface.calls == []
 
 
