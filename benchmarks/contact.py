@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from drawn import direction, posture
 from table import write
 from tqdm import tqdm
 
 import eladapt as ea
 from eladapt.robot.reading import frame_index
-from eladapt.signals import Measurement
-from eladapt.simulation.instruments import Wrapper
+from eladapt.simulation.faults import Push
 
 DT = 1e-3
 NOISES = (ea.Noise(1e-5, 1e-3), ea.Noise(1e-4, 1e-3))
@@ -30,42 +30,16 @@ ASKED = 0.05  # of the largest torque that the push makes in a joint
 TOUCH, MASS, NEAR = 20.0, 2.0, 0.05  # [N], [kg], [m] of the load's centre from the tool's frame
 CAME, WATCHED, IN_TIME = 0.6, 0.3, 0.05  # [s]
 ARMS, PUSHES, RUNS = 8, 20, 150  # arms that learn, pushes at each; runs a row
-HOLDABLE, INSIDE = 0.7, 0.1  # of the effort limits, by gravity alone; [rad] from the joint limits
 
 NOTES = (
     f"Controllers are not told of the noise. Push after learning: from theta = 0 two moves, the second to a "
     f"random posture, 1 s of rest, then {PUSHES} pushes in random directions, {PUSHED:g} s each; the error "
     f"is that of `state.external` {1e3 * AFTER:g} ms after the push began, in the joint where it is largest, "
-    f"as a part of the largest torque that the push makes in a joint. At rest: random postures, parameters "
+    f"as a part of the largest torque that the push makes in a joint; pushes of an arm that its gate has "
+    f"stopped are left out. At rest: random postures, parameters "
     f"of the URDF; load centres within {100 * NEAR:g} cm of the tool frame. Told: a push is called a contact "
     f"within {1e3 * IN_TIME:g} ms, a load never is within {1e3 * WATCHED:g} ms."
 )
-
-
-class Pushed(Wrapper):
-    """A plant whose tool is pushed: by ``forces`` (k, 3) [N], the first from ``start`` [s] on, each for
-    ``lasting`` [s], and ``period`` [s] from one to the next."""
-
-    def __init__(
-        self, plant: ea.PinocchioPlant, forces: np.ndarray, start: float, lasting: float, period: float
-    ):
-        super().__init__(plant)
-        self.arm = plant
-        self.forces, self.start, self.lasting, self.period = forces, start, lasting, period
-
-    def reset(self) -> Measurement:
-        return self.plant.reset()
-
-    def force(self, t: float) -> np.ndarray:
-        """(3,) [N] in the world's axes."""
-        number, since = divmod(t - self.start, self.period)
-        acts = 0 <= number < len(self.forces) and since < self.lasting
-        return self.forces[int(number)] if acts else np.zeros(3)
-
-    def step(self, tau: np.ndarray, dt: float) -> Measurement:
-        """A drive reports its own torque."""
-        pushed = tau + felt(self.robot, self.plant.q, self.force(self.arm.t))
-        return self.plant.step(pushed, dt)._replace(tau=tau.copy())
 
 
 class Felt(NamedTuple):
@@ -116,22 +90,6 @@ def felt(robot: ea.Robot, q: np.ndarray, force: np.ndarray) -> np.ndarray:
     return np.asarray(jacobian[:3].T @ force)
 
 
-def directions(rng: np.random.Generator, count: int) -> np.ndarray:
-    """(count, 3) of length 1."""
-    drawn = rng.normal(size=(count, 3))
-    return drawn / np.linalg.norm(drawn, axis=1)[:, None]
-
-
-def posture(robot: ea.Robot, rng: np.random.Generator) -> np.ndarray:
-    """A random q that the motors can hold, with a load as well, inside the joint limits."""
-    while True:
-        q = robot.random_configuration(rng)
-        x = np.clip(robot.coordinates(q), robot.lower + INSIDE, robot.upper - INSIDE)
-        q = robot.configuration(x)
-        if np.all(np.abs(robot.gravity(q)) < HOLDABLE * robot.effort_limit):
-            return q
-
-
 def pushes(job: tuple[ea.Noise, int, int]) -> list[Felt]:
     """So many pushes after two moves, the second to a random posture."""
     noise, seed, count = job
@@ -142,17 +100,24 @@ def pushes(job: tuple[ea.Noise, int, int]) -> list[Felt]:
     second = posture(robot, rng)
     moved = ea.move(robot, home, first).duration + 0.5
     start = moved + ea.move(robot, first, second).duration + 1.0
-    forces = PUSH * directions(rng, count)
-    arm = ea.PinocchioPlant(robot, home, noise=noise, seed=seed)
+    forces = [PUSH * direction(rng) for _ in range(count)]
+
+    def acting(t: float, *_: np.ndarray) -> np.ndarray:
+        number, since = divmod(t - start, BETWEEN)
+        return forces[int(number)] if number < count and since < PUSHED else np.zeros(3)
+
+    plant = Push(ea.PinocchioPlant(robot, home, noise=noise, seed=seed), acting, start=start)
     record = ea.simulate(
-        controller, Pushed(arm, forces, start, PUSHED, BETWEEN), lambda t: first if t < moved else second,
-        start + count * BETWEEN, DT, theta0="zero", progress=False,
+        controller, plant, lambda t: first if t < moved else second, start + count * BETWEEN, DT,
+        theta0="zero", progress=False,
     )  # fmt: skip
-    if record.faults or record.external is None:
-        raise SystemExit(f"seed {seed}: {record.faults}")
+    assert record.external is not None
+    held = record.faults[0].t if record.faults else np.inf  # from then on the controller feels nothing
     found = []
     for number, force in enumerate(forces):
         k = int(np.searchsorted(record.t, start + number * BETWEEN + AFTER))
+        if record.t[k] >= held:
+            break
         acted = felt(robot, record.q[k], force)
         before = record.external[k - round(AFTER / DT) - 1]
         learned = inner.regressors.gravity(record.q[k]) @ record.theta[k] - robot.gravity(record.q[k])
@@ -166,11 +131,11 @@ def told(job: tuple[ea.Noise, int, bool]) -> Told:
     noise, seed, load = job
     robot, rng = ea.Robot.load("panda"), np.random.default_rng(seed)
     controller = ea.CompositeController.for_robot(robot, DT)
-    q, towards, share = posture(robot, rng), directions(rng, 1)[0], np.cbrt(rng.uniform())
+    q, towards, share = posture(robot, rng), direction(rng), np.cbrt(rng.uniform())
     force = TOUCH * towards
     payload = ea.Payload(MASS, tuple(NEAR * share * towards), attach=CAME) if load else None
     arm = ea.PinocchioPlant(robot, q, noise=noise, seed=seed, payload=payload)
-    plant = arm if load else Pushed(arm, force[None], CAME, np.inf, np.inf)
+    plant = arm if load else Push(arm, force, start=CAME)
     measurement = plant.reset()
     state, noticed, contact = controller.init(measurement), np.inf, np.inf
     for _ in range(round((CAME + WATCHED) / DT)):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from drawn import direction, posture
 from fault_kinds import ROBOT
 from fault_runs import DT, ENGINES, NOISE, controller
 
@@ -18,7 +19,6 @@ from eladapt.simulation.faults import Push
 STRETCHES, LASTS = 20, 30.0  # [s] each, with a load of its own
 HEAVIEST, PUSH, RAMP = 3.0, 30.0, 0.1  # [kg] the panda's payload, [N], [s] in which a push comes, at most
 EVERY = 5.0  # [s] from push to push
-ROOM, EASY = 0.1, 0.7  # [rad] from the joint limits; share of the effort that holds a posture
 
 
 class Stretch(NamedTuple):
@@ -29,25 +29,13 @@ class Stretch(NamedTuple):
     alarm: ea.Fault | None
 
 
-def posture(rng: np.random.Generator) -> np.ndarray:
-    while True:
-        q = ROBOT.configuration(rng.uniform(ROBOT.lower + ROOM, ROBOT.upper - ROOM))
-        if np.all(np.abs(ROBOT.gravity(q)) < EASY * ROBOT.effort_limit):
-            return q
-
-
-def direction(rng: np.random.Generator) -> np.ndarray:
-    vector = rng.normal(size=3)
-    return np.array(vector / np.linalg.norm(vector))
-
-
 def disturbed(rng: np.random.Generator, engine: str) -> Plant:
     """An arm somewhere, with a load for some seconds and a push in each five."""
     attach = rng.uniform(1.0, 10.0)
     com = tuple(0.05 * rng.uniform() * direction(rng))
     load = ea.Payload(rng.uniform(0.5, HEAVIEST), com, attach=attach, release=attach + rng.uniform(3.0, 15.0))
     seed = int(rng.integers(2**31))
-    plant = ENGINES[engine](ROBOT, posture(rng), noise=NOISE, payload=load, seed=seed)
+    plant = ENGINES[engine](ROBOT, posture(ROBOT, rng), noise=NOISE, payload=load, seed=seed)
     for begins in np.arange(0.0, LASTS, EVERY):
         start = begins + rng.uniform(0.5, 2.5)
         end = start + rng.uniform(0.1, 2.0)
@@ -64,7 +52,7 @@ def stretch(seed: int) -> Stretch:
     goal, until, peak = plant.q.copy(), 0.5, 0.0
     for k in range(round(LASTS / DT)):
         if k * DT >= until:
-            goal, until = posture(rng), until + rng.uniform(1.0, 4.0)
+            goal, until = posture(ROBOT, rng), until + rng.uniform(1.0, 4.0)
         state, tau = gated.step(state, measurement, goal, DT)
         peak = max(peak, float(np.max(np.abs(plant.v) / ROBOT.velocity_limit)))
         if state.fault is not None:

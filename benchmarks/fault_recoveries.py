@@ -17,6 +17,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from fault_cases import MOVING, RESTING
+from fault_kinds import HOME, ROBOT, TARGET
+from fault_runs import ARRIVED, DT, gated
 from table import markdown
 
 import eladapt as ea
@@ -27,10 +30,7 @@ from eladapt.robot.protocols import Plant
 from eladapt.simulation.faults import BlockedJoints, FrozenSensor, Jitter, LostNumbers, Packets, WeakMotors
 from eladapt.simulation.instruments import Delay
 
-DT, ARRIVED = 1e-3, 2e-3
-MOVING, RESTING = 0.3, 2.0  # [s] when faults begin: in the middle of the move, and at rest
 SAVED, RESTART = 50, 100  # steps between two saved states; steps until a killed process runs again
-ROBOT = ea.Robot.load("panda")
 
 
 class Case(NamedTuple):
@@ -54,11 +54,7 @@ class Outcome(NamedTuple):
 
 
 def arm(**options: Any) -> ea.PinocchioPlant:
-    return ea.PinocchioPlant(ROBOT, ROBOT.configuration(ROBOT.home), **options)
-
-
-def made() -> ea.GatedController:
-    return ea.GatedController.for_robot(ea.CompositeController.for_robot(ROBOT, DT), DT)
+    return ea.PinocchioPlant(ROBOT, HOME, **options)
 
 
 def cases() -> list[Case]:
@@ -97,11 +93,10 @@ def named(name: str) -> Outcome:
 
 
 def run(case: Case) -> Outcome:
-    controller, plant = made(), case.plant()
-    goal = ROBOT.configuration(ROBOT.target)
+    plant = case.plant()
     steps = round(case.duration / DT) + 1
     try:
-        record = ea.simulate(controller, plant, goal, case.duration, DT, theta0="zero", progress=False)
+        record = ea.simulate(gated(), plant, TARGET, case.duration, DT, theta0="zero", progress=False)
     except SimulationError as reason:
         return Outcome(False, "-", np.inf, np.inf, f"diverged: {reason}", "-")
     outcome = judged(record, case.begins, f"{len(record)} of {steps}")
@@ -109,7 +104,7 @@ def run(case: Case) -> Outcome:
     if state.fault is not None:
         gone = "nothing to reset for, the fault is still there"
         if "for good" not in case.name and "untold" not in case.name:
-            gone = reset(controller, plant, state, goal)
+            gone = reset(plant, state)
         outcome = outcome._replace(said=f"{outcome.said}; {gone}")
     return outcome
 
@@ -137,22 +132,22 @@ def judged(record: ea.Record, begins: float, samples: str) -> Outcome:
     return Outcome(inside, samples, fastest, float(error[after].max()), said, time)
 
 
-def reset(controller: ea.GatedController, plant: Plant, state: Any, goal: np.ndarray) -> str:
+def reset(plant: Plant, state: Any) -> str:
     """The explicit reset, and two seconds more."""
     plant.release()
     measurement = plant.step(state.gate.tau, DT)
-    state = controller.reset(state, measurement)
+    state = gated().reset(state, measurement)
     for _ in range(2000):
-        state, tau = controller.step(state, measurement, goal, DT)
+        state, tau = gated().step(state, measurement, TARGET, DT)
         measurement = plant.step(tau, DT)
-    left = np.abs(ROBOT.difference(goal, plant.q)).max()
+    left = np.abs(ROBOT.difference(TARGET, plant.q)).max()
     done = state.fault is None and left < ARRIVED
     return f"after reset {left:.0e} rad in 2 s" if done else f"**after reset {left:.0e} rad, {state.fault}**"
 
 
 def control(pipe: Connection, path: Path, resume: bool) -> None:
     """A process of its own: measurements in, torques out, the state on disk every 50 ms."""
-    controller, goal = made(), ROBOT.configuration(ROBOT.target)
+    controller = gated()
     writer = StateWriter(controller)
     state = ea.load_state(path, controller) if resume else None
     pipe.send("ready")
@@ -161,7 +156,7 @@ def control(pipe: Connection, path: Path, resume: bool) -> None:
         if measurement is None:
             return
         state = controller.init(measurement, "zero") if state is None else state
-        state, tau = controller.step(state, measurement, goal, DT)
+        state, tau = controller.step(state, measurement, TARGET, DT)
         if k % SAVED == 0:
             writer.write(path, state)
         pipe.send((tau, state.theta, state.fault))
@@ -169,7 +164,7 @@ def control(pipe: Connection, path: Path, resume: bool) -> None:
 
 def killed() -> Outcome:
     """SIGKILL in the middle of the move; the robot brakes, as when nobody answers; a new process goes on."""
-    goal, path = ROBOT.configuration(ROBOT.target), Path(tempfile.mkdtemp()) / "state.npz"
+    path = Path(tempfile.mkdtemp()) / "state.npz"
     context = multiprocessing.get_context("spawn")
     plant = BlockedJoints(arm(), ROBOT.joint_names, start=MOVING, end=MOVING + RESTART * DT)
     measurement, rows, thetas, fault = plant.reset(), [], [], None
@@ -198,10 +193,10 @@ def killed() -> Outcome:
     process.join()
     t, q, v, torque = (np.array(column) for column in zip(*rows, strict=True))
     before, after = round(MOVING / DT) - 1, round(MOVING / DT)
-    error = np.array([np.abs(ROBOT.difference(goal, position)).max() for position in q])
+    error = np.array([np.abs(ROBOT.difference(TARGET, position)).max() for position in q])
     late = t >= MOVING
     away = t[late & (error > ARRIVED)]
-    regressors = made().regressors
+    regressors = gated().regressors
     off = [
         np.abs(regressors.gravity(q[i]) @ (thetas[i] - regressors.theta_potential)).max()
         for i in (before, after)

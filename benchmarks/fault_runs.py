@@ -61,9 +61,13 @@ class Outcome(NamedTuple):
 
 
 @functools.cache
+def gated() -> ea.GatedController:
+    return ea.GatedController.for_robot(ea.CompositeController.for_robot(ROBOT, DT), DT)
+
+
+@functools.cache
 def controller(jumps: bool) -> BareController:
-    gated = ea.GatedController.for_robot(ea.CompositeController.for_robot(ROBOT, DT), DT)
-    return gated if jumps else ea.Shaped(gated)
+    return gated() if jumps else ea.Shaped(gated())
 
 
 def plant_of(case: Case, engine: str) -> Plant:
@@ -74,10 +78,10 @@ def plant_of(case: Case, engine: str) -> Plant:
 def run(case: Case, engine: str, at_limit: bool = False) -> Outcome:
     """The run of a case. at_limit: brakes are told to close PASSED after a joint passed its speed limit,
     whatever the gate asks."""
-    plant, gated = plant_of(case, engine), controller(case.jumps)
+    plant, stepped = plant_of(case, engine), controller(case.jumps)
     measurement = plant.reset()
     try:
-        state = gated.init(measurement, *(["zero"] if case.jumps else []))
+        state = stepped.init(measurement, *(["zero"] if case.jumps else []))
     except ArgumentError as reason:
         return Outcome(REFUSED, 0.0, 0.0, math.nan, 0.0, 0.0, False, str(reason), "-")
     samples: list[Sample] = []
@@ -85,7 +89,7 @@ def run(case: Case, engine: str, at_limit: bool = False) -> Outcome:
     for k in range(round(case.duration / DT)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            state, tau = gated.step(state, measurement, case.goal(k * DT), DT)
+            state, tau = stepped.step(state, measurement, case.goal(k * DT), DT)
         samples.append(Sample(np.abs(plant.v) / ROBOT.velocity_limit, state.fault, state.brake))
         told += 1 if told else int(samples[-1].passes if at_limit else state.brake)
         if told > (PASSED / DT if at_limit else 0):

@@ -19,6 +19,7 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
+from eladapt.robot.reading import frame_index
 from eladapt.simulation.instruments import Delay
 
 AFTER, OVER = 2.0, 0.5  # [s] after the move, and over how long the arm counts as resting there
@@ -36,7 +37,7 @@ def pose(robot: ea.Robot, q: np.ndarray) -> pin.SE3:
     """Of the tool, in the base's frame."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
-    return data.oMf[robot.model.getFrameId(robot.tool)].copy()
+    return data.oMf[frame_index(robot.model, robot.tool)].copy()
 
 
 def run(case: tuple[int, bool]) -> Arrival:

@@ -232,8 +232,15 @@ def require_number(name: str, value: Any, low: float, high: float = np.inf, *, c
         raise ArgumentError(f"{name}: expected a number, got {value!r}") from None
     inside = low <= number <= high if closed else low < number < high
     if not inside or not np.isfinite(number):
-        brackets = "[]" if closed else "()"
         raise ArgumentError(
-            f"{name}: expected a finite number in {brackets[0]}{low:g}, {high:g}{brackets[1]}, got {value!r}"
+            f"{name}: expected a finite number in {_interval(low, high, closed)}, got {value!r}"
         )
     return number
+
+
+def _interval(low: float, high: float, closed: bool) -> str:
+    """In the brackets of mathematics: an end that is infinite, or the largest number there is, is open."""
+    largest = np.finfo(float).max
+    left = f"{'[' if closed else '('}{low:g}" if low > -largest else "(-inf"
+    right = f"{high:g}{']' if closed else ')'}" if high < largest else "inf)"
+    return f"{left}, {right}"

@@ -16,6 +16,7 @@ import numpy as np
 import eladapt as ea
 from eladapt.errors import require_vector
 from eladapt.gains.extremes import effort, extremes
+from eladapt.robot.postures import require_within
 
 
 def main() -> None:
@@ -42,9 +43,7 @@ def run(options: argparse.Namespace) -> None:
     near = np.random.default_rng(0).uniform(-0.8, 0.8, robot.nv)
     goal = np.clip(robot.home + near, robot.lower, robot.upper) if options.goal is None else options.goal
     q_goal = robot.configuration(require_vector("--goal", goal, robot.nv))
-    outside = np.array(robot.joint_names)[(robot.lower > goal) | (robot.upper < goal)]
-    if len(outside):
-        raise ea.EladaptError(f"--goal: outside the limits of {', '.join(outside)}; expected rad (or m)")
+    require_within(robot, q_goal, "--goal")
 
     controller = ea.CompositeController.for_robot(robot)
     regressors, assumed = controller.regressors, effort(robot, extremes(robot))

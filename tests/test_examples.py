@@ -54,7 +54,7 @@ def test_every_example_is_tested_and_helps():
     [
         (("no_such_arm.urdf",), "does not exist"),
         ((TWO_LINK, "--lock", "wrist"), "unknown joint 'wrist'; legal names: shoulder, elbow"),
-        ((TWO_LINK, "--goal", "45", "-30"), "outside the limits of shoulder, elbow"),
+        ((TWO_LINK, "--goal", "45", "-30"), "--goal: beyond their limits: shoulder at 45"),
         ((TWO_LINK, "--goal", "1"), "--goal: expected shape (2,), got (1,)"),
     ],
 )

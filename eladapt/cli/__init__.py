@@ -117,7 +117,7 @@ def _parser() -> _Parser:
         "--payload", type=float, metavar="KG", help="a load at the tool, of which nobody tells the controller"
     )
     run.add_argument(
-        "--attach", type=float, default=0.0, metavar="S", help="when the load is attached (default: 0)"
+        "--attach", type=float, metavar="S", help="when the load of --payload is attached (default: 0)"
     )
     run.add_argument("--theta0", choices=("urdf", "zero"), default="urdf",
                      help="what the controller knows of the arm at the start (default: urdf)")  # fmt: skip
@@ -217,8 +217,8 @@ def _robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mend", action="store_true",
                         help="take the nearest physical inertia for a body that is none")  # fmt: skip
     parser.add_argument("--density", type=float, metavar="KG/M3",
-                        help="weigh moving links that have no inertia by their shapes, of this density "
-                        "(aluminium: 2700)")  # fmt: skip
+                        help="weigh moving links that have no inertia by their shapes, of this density, "
+                        "10 to 23000 (aluminium: 2700)")  # fmt: skip
 
 
 def _folders(parser: argparse.ArgumentParser) -> None:

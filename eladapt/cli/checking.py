@@ -14,6 +14,7 @@ from eladapt.gains.extremes import effort, extremes
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot import library
 from eladapt.robot.model import Robot
+from eladapt.urdf.weighing import require_density
 
 
 def robots(_options: argparse.Namespace) -> None:
@@ -36,9 +37,8 @@ def find(options: argparse.Namespace) -> Robot:
                 "they go with the path of a URDF"
             )
         return Robot.load(given)
-    return Robot.from_urdf(
-        given, options.package_dir, options.lock, mend=options.mend, density=options.density
-    )
+    density = None if options.density is None else require_density("--density", options.density)
+    return Robot.from_urdf(given, options.package_dir, options.lock, mend=options.mend, density=density)
 
 
 def check(options: argparse.Namespace) -> None:

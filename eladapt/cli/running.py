@@ -20,7 +20,9 @@ from eladapt.files import file_name
 from eladapt.motion.motions import move
 from eladapt.motion.shaped import Shaped
 from eladapt.records.record import Record
+from eladapt.records.recorder import LONGEST
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import require_holdable, require_within, unholdable
 from eladapt.safety.gated import GatedController
 from eladapt.simulation.disturbances import Noise, Payload
 from eladapt.simulation.plants import PinocchioPlant
@@ -38,12 +40,15 @@ def run(options: argparse.Namespace) -> int:
     goal = _posture(robot, "--goal", options.goal, _own_goal(robot))
     start = _posture(robot, "--start", options.start, robot.home)
     dt = require_number("--dt", options.dt, 0)
+    if not options.jump:
+        require_holdable(robot, goal, "--goal")
     planned = move(robot, start, goal).duration if not options.jump else SHORTEST
     duration = max(SHORTEST, planned + REST) if options.duration is None else options.duration
-    duration = require_number("--duration", duration, 0)
+    duration = require_number("--duration", duration, 0, LONGEST)
     if duration < dt:
         raise ArgumentError(f"--duration: expected at least a step of {dt:g} s, got {duration:g} s")
     plant = _plant(robot, start, options)
+    _say_too_heavy(robot, plant.payload, goal)
     controller = CompositeController.for_robot(robot, dt)
     stepped = controller if options.jump else Shaped(GatedController.for_robot(controller, dt))
     title = robot.name + (f", {options.payload:g} kg" if options.payload is not None else "")
@@ -99,11 +104,7 @@ def report(options: argparse.Namespace) -> None:
 
 
 def _plant(robot: Robot, start: np.ndarray, options: argparse.Namespace) -> Any:
-    load = None
-    if options.payload is not None:
-        mass = require_number("--payload", options.payload, 0)
-        attach = require_number("--attach", options.attach, 0, closed=True)
-        load = Payload(mass, attach=attach)
+    load = _load(options)
     spread = require_number("--noise", options.noise, 0, closed=True)
     if options.seed < 0:
         raise ArgumentError(f"--seed: expected 0 or more, got {options.seed}")
@@ -115,6 +116,27 @@ def _plant(robot: Robot, start: np.ndarray, options: argparse.Namespace) -> Any:
     return PinocchioPlant(robot, start, **given)
 
 
+def _load(options: argparse.Namespace) -> Payload | None:
+    if options.payload is None:
+        if options.attach is not None:
+            raise ArgumentError("--attach: expected with --payload, which says how heavy the load is")
+        return None
+    mass = require_number("--payload", options.payload, 0)
+    attach = 0.0 if options.attach is None else require_number("--attach", options.attach, 0, closed=True)
+    return Payload(mass, attach=attach)
+
+
+def _say_too_heavy(robot: Robot, load: Payload | None, goal: np.ndarray) -> None:
+    """A load that the motors cannot hold at the goal may be what one wants to see; but not unawares."""
+    if load is None:
+        return
+    if said := unholdable(dataclasses.replace(robot, model=load.loaded(robot)), goal):
+        say(
+            f"warning: --payload: {load.mass:g} kg are too heavy for this arm at its goal: {said}",
+            file=sys.stderr,
+        )
+
+
 def _posture(robot: Robot, name: str, given: list[list[float]] | None, otherwise: np.ndarray) -> np.ndarray:
     """The configuration for joint coordinates within the limits."""
     x = otherwise if given is None else np.array([number for part in given for number in part])
@@ -123,12 +145,10 @@ def _posture(robot: Robot, name: str, given: list[list[float]] | None, otherwise
             f"{name}: expected {robot.nv} numbers, for {', '.join(robot.joint_names)}; got {len(x)}"
         )
     x = require_vector(name, x, robot.nv)
-    outside = (x < robot.lower) | (x > robot.upper)
-    if given is not None and outside.any():
-        k = int(np.argmax(outside))
-        limits = f"{robot.lower[k]:.4g} to {robot.upper[k]:.4g}"
-        raise ArgumentError(f"{name}: {x[k]:g} is outside the limits of {robot.joint_names[k]}, {limits}")
-    return robot.configuration(x)
+    q = robot.configuration(x)
+    if given is not None:
+        require_within(robot, q, name)
+    return q
 
 
 def _own_goal(robot: Robot) -> np.ndarray:
@@ -179,6 +199,7 @@ def _say(record: Record, controller: CompositeController) -> None:
     say(f"fault: {m.faults_said}")
     if record.carried is not None:
         load = carried(controller, record.final_state)
-        say(f"load, as estimated: {load.mass:.4g} kg")
+        said = f"{load.mass:.4g} kg" if np.isfinite(load.mass) else "not known, this motion does not tell it"
+        say(f"load, as estimated: {said}")
     if controller.regressors.n_friction:
         say_table(friction(controller, record.final_state))

@@ -11,6 +11,7 @@ from bokeh.models import ColumnDataSource, HoverTool, Legend, LegendItem, Range1
 from bokeh.plotting import figure
 
 from eladapt.display.curves import ARRIVED, COLOURS, FAULT_COLOUR, SMALLEST, felt, reduced
+from eladapt.records.description import innermost
 from eladapt.records.record import Record
 
 DASHES: tuple[Any, ...] = ("solid", (10, 3), (8, 2, 2, 2), (3, 2), (12, 2, 2, 2, 2, 2))
@@ -61,20 +62,25 @@ def learning(record: Record) -> list[Any]:
     size = record.theta.shape[1]
     numbers = [f"θ{number}" for number in range(1, size + 1)]
     if size:
-        true = "true values" if record.carried is None else "those without the load"
-        title = "gravity parameters θ" + (f"; thin: {true}" if record.theta_true is not None else "")
+        title = "gravity parameters θ" + ("; thin: true values" if record.theta_true is not None else "")
         bounds = bounds_of(record)
         estimates = chart(title + ("; dotted: bounds" if bounds is not None else ""), "θ [N m]", x)
         lines(estimates, t, record.theta, numbers)
         for index in range(size):
             colour = COLOURS[index % len(COLOURS)]
-            if record.theta_true is not None:
+            if record.theta_true_course is not None:  # a load that comes changes them
+                times, true = reduced(t, record.theta_true_course[:, index])
+                source = ColumnDataSource({"t": times, "y": true})
+                estimates.line(
+                    "t", "y", source=source, color=colour, line_width=0.8, name=f"true {numbers[index]}"
+                )
+            elif record.theta_true is not None:
                 level(estimates, record.theta_true[index], colour, "solid")
             for bound in bounds[index] if bounds is not None else ():
                 level(estimates, bound, colour, "dotted")
         charts.append(estimates)
         if record.theta_true is not None:
-            error = chart(f"distance of θ from {true}", "|θ - true| [N m]", x, log=True)
+            error = chart("distance of θ from the true values", "|θ - true| [N m]", x, log=True)
             lines(error, t, np.abs(record.theta_error), numbers, log=True)
             charts.append(error)
     if record.delta is not None and record.zeta is not None and (width := record.delta.shape[1]):
@@ -186,8 +192,7 @@ def _marked(charts: list[Any], record: Record) -> list[Any]:
 
 def bounds_of(record: Record) -> np.ndarray | None:
     """(j, 2) the bounds that the adaptation law keeps, if it was given any."""
-    law = _within(_within(record.configuration, "controller"), "law")
-    given = _within(law, "bounds")
+    given = _within(innermost(record.configuration.get("controller")).get("law"), "bounds")
     if given is None or isinstance(given, str):  # a text stands for more numbers than a record keeps
         return None
     bounds = np.asarray(given, dtype=float)

@@ -48,10 +48,10 @@ def plot(
     path: ends in .png, .pdf or .svg. labels: a heading for each record, instead of its title.
     Panels: positions where the goal moves, with the goal dashed; errors on a linear and a logarithmic axis
     (arrival in finite time is a vertical drop); velocities and torques with those limits that are near; the
-    torque from outside, where one was felt; estimates of gravity with the true values dashed, and their
-    errors; Delta and the gates zeta where the law has them, and otherwise how much of gravity is known,
-    direction by direction. A gate's fault is a red line through all of them. Estimates are in N m with the
-    default, scaled regressors, and in the unit of the basis otherwise.
+    torque from outside, where one was felt; estimates of gravity, with the true values dashed and the errors
+    where those are known; Delta and the gates zeta where the law has them, and otherwise how much of gravity
+    is known, direction by direction. A gate's fault is a red line through all of them. Estimates are in N m
+    with the default, scaled regressors, and in the unit of the basis otherwise.
     Raises ArgumentError for another suffix, and for labels that are not one a record.
     """
     several = (records,) if isinstance(records, Record) else tuple(records)
@@ -128,8 +128,10 @@ def _panels(records: Iterable[Record]) -> list[_Panel]:
     if moving and all(map(_has_angles, records)):
         panels.insert(0, _Panel("position, goal dashed", "rad", _positions))
     if any(record.theta.shape[1] for record in records):
-        panels.append(_Panel("estimates, true values dashed", "N m", _estimates, _numbers, True))
-        if any(record.theta_true is not None for record in records):
+        known = any(record.theta_true is not None for record in records)
+        title = "estimates, true values dashed" if known else "estimates"
+        panels.append(_Panel(title, "N m", _estimates, _numbers, True))
+        if known:
             panels.append(_Panel("size of the estimates' errors", "N m", _estimation_errors, learnt=True))
     if any(record.zeta is not None and record.zeta.shape[1] for record in records):
         panels.append(_Panel(r"excitation $\Delta$", "-", _delta, learnt=True))
@@ -328,8 +330,9 @@ def _legends(figure: Figure, records: Sequence[Record], heading: str = "") -> No
     if any(record.joint_names != joints for record in records):
         joints = tuple(f"joint {number}" for number in range(1, len(joints) + 1))
     handles = [Line2D([], [], label=_plain(name), **_look(index)) for index, name in enumerate(joints)]
+    columns = _columns(figure, joints, 8)
     figure.legend(
-        handles=handles, loc="outside upper left", ncols=_columns(figure, joints, 8), fontsize=8,
+        handles=_across(handles, columns), loc="outside upper left", ncols=columns, fontsize=8,
         alignment="left", title=_plain(heading), title_fontproperties={"weight": "bold", "size": 11},
     )  # fmt: skip
     names = max((record.theta_labels for record in records), key=len)
@@ -339,10 +342,16 @@ def _legends(figure: Figure, records: Sequence[Record], heading: str = "") -> No
             Line2D([], [], color=_look(index)["color"], label=_plain(entry))
             for index, entry in enumerate(entries)
         ]
+        columns = _columns(figure, entries, 7)
         figure.legend(
-            handles=handles, loc="outside lower left", ncols=_columns(figure, entries, 7), fontsize=7,
+            handles=_across(handles, columns), loc="outside lower left", ncols=columns, fontsize=7,
             alignment="left", title="estimates", title_fontsize=8,
         )  # fmt: skip
+
+
+def _across(handles: Sequence[Line2D], columns: int) -> list[Line2D]:
+    """A legend's entries so that they are read line by line; matplotlib fills one column after the other."""
+    return [handle for column in range(columns) for handle in handles[column::columns]]
 
 
 def _columns(figure: Figure, entries: Sequence[str], size: float) -> int:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eladapt.records.description import innermost
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
 
@@ -85,8 +86,8 @@ def setup(record: Record) -> str:
 
 def gains(record: Record) -> str:
     """Every gain with the rule that set it, where the controller has such a table; else its parts."""
-    controller = record.configuration.get("controller") or {}
-    rules = (controller.get("gains") or {}).get("rules") if isinstance(controller, Mapping) else None
+    controller = innermost(record.configuration.get("controller"))
+    rules = (controller.get("gains") or {}).get("rules")
     if rules:
         head = ["gain", "value, by joint where there are several", "rule", "what limited it"]
         return table(

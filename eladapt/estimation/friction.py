@@ -22,10 +22,37 @@ class FrictionEstimate(NamedTuple):
     offset: np.ndarray  # (nv,) [N m]
     std: np.ndarray  # (3, nv) standard deviations of the three
     known: np.ndarray  # (3, nv) which are known, within a tenth of the largest of its kind
+    joints: tuple[str, ...]  # nv names
+
+    def __str__(self) -> str:
+        head = ("friction", "viscous [N m s/rad]", "Coulomb [N m]", "offset [N m]")
+        values = np.array([self.viscous, self.coulomb, self.offset])
+        rows = [
+            (
+                name,
+                *(
+                    _said(*entry)
+                    for entry in zip(values[:, i], self.std[:, i], self.known[:, i], strict=True)
+                ),
+            )
+            for i, name in enumerate(self.joints)
+        ]
+        wide = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+        return "\n".join(
+            "  ".join(cell.ljust(width) for cell, width in zip(row, wide, strict=True)).rstrip()
+            for row in (head, *rows)
+        )
 
     def __repr__(self) -> str:
         found = int(np.sum(self.known))
         return f"FrictionEstimate({len(self.viscous)} joints, {found} of {self.known.size} parameters known)"
+
+
+def _said(value: float, std: float, known: bool) -> str:
+    """One value with its standard deviation, in words where it tells nothing."""
+    if np.isnan(value):
+        return "not estimated"
+    return f"{value:.3g} +- {std:.2g}" if known else "not known"
 
 
 def estimate_friction(
@@ -65,4 +92,4 @@ def estimate_friction(
             unknown = information.prior * diagonal[block] * largest
             std[k] = np.hypot(np.sqrt(noise * diagonal[block]) / scale, unknown)
             known[k] = std[k] < DOUBT * largest
-    return FrictionEstimate(values[0], values[1], values[2], std, known == 1)
+    return FrictionEstimate(values[0], values[1], values[2], std, known == 1, regressors.robot.joint_names)

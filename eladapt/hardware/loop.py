@@ -26,17 +26,18 @@ from eladapt.hardware.bookkeeping import Bookkeeping
 from eladapt.hardware.interruption import Interruption
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.motion.limits import MotionLimits
-from eladapt.motion.shaped import Shaped
+from eladapt.motion.shaped import Shaped, shapes
 from eladapt.records.record import Record
+from eladapt.records.recorder import LONGEST
 from eladapt.records.state_file import on_clock
+from eladapt.robot.joint_limits import speed
 from eladapt.robot.model import Robot
 from eladapt.robot.postures import require_holdable, require_within
-from eladapt.robot.protocols import BareController, Goal, GoalCourse
+from eladapt.robot.protocols import BareController, Goal, GoalCourse, require_controller
 from eladapt.signals import Measurement, Reference
 
 GAP = 1.0  # [s] between two runs whose clocks have nothing to do with each other: filters start afresh
 MOVING = 0.02  # of its speed limit: a joint that is faster does not rest; noise and encoders make less
-UNLIMITED = 2.0  # [rad/s] the speed limit of a joint that has none
 WARM_UP = 20  # steps before the robot starts: they import, allocate and compile
 
 
@@ -110,17 +111,19 @@ def run_loop(
 
     Raises LoopError, with record, state and timing so far, for whatever the robot, the goal or the controller
     raises. Before the robot starts: StateError for a checkpoint that cannot be written, and ArgumentError for
-    one that cannot be named so, for a set-point beyond the joint limits or one that the effort limits cannot
-    hold.
+    one that cannot be named so, for an interface that lacks a method, for what is no goal, a set-point beyond
+    the joint limits or one that the effort limits cannot hold.
     """
     dt = require_number("dt", dt, 0)
-    steps = round(require_number("duration", duration, 0) / dt)
+    steps = round(require_number("duration", duration, 0, LONGEST) / dt)
     if steps < 1:
         raise ArgumentError(f"duration: expected at least one step of {dt:g} s, got {duration:g} s")
     if (fault := getattr(state, "fault", None)) is not None:
         raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
+    require_controller(controller)
+    _require_interface(interface)
     _require_reachable(controller.robot, goal)
-    shaping = Shaped(controller, limits) if shaped and not isinstance(controller, Shaped) else None
+    shaping = Shaped(controller, limits) if shaped and not shapes(controller) else None
     after_fault = require_number("after_fault", after_fault, 0, closed=True)
     warm = _warm_up(controller, shaping, dt)
     books = Bookkeeping(controller, dt, steps + 1, title, warm if state is None else state, checkpoint, every)
@@ -259,8 +262,7 @@ def _unstopped(loop: _Loop, interruption: Interruption) -> str:
         return ""
     if not t > loop.latest:  # the last one again
         return ""
-    limit = np.where(np.isfinite(loop.robot.velocity_limit), loop.robot.velocity_limit, UNLIMITED)
-    share = np.abs(v) / limit
+    share = np.abs(v) / speed(loop.robot.velocity_limit)
     i = int(share.argmax())
     if share[i] <= MOVING:
         return ""
@@ -270,18 +272,30 @@ def _unstopped(loop: _Loop, interruption: Interruption) -> str:
     return said
 
 
-def _require_reachable(robot: Robot, goal: GoalCourse) -> None:
-    """Raises ArgumentError for a set-point beyond the joint limits, or that the effort limits cannot hold.
+def _require_interface(interface: Any) -> None:
+    """Raises ArgumentError for what lacks a method of `RobotInterface`: without `stop` nothing may start."""
+    methods = ("start", "read", "write", "stop")
+    if missing := [name for name in methods if not callable(getattr(interface, name, None))]:
+        raise ArgumentError(
+            f"interface: expected a robot with the methods {', '.join(methods)}, see RobotInterface; "
+            f"{type(interface).__name__} lacks {', '.join(missing)}"
+        )
 
-    What is no goal at all is left to the gate.
-    """
-    try:
-        q = None if callable(goal) else robot.check_goal(goal).q
-    except ArgumentError:
+
+def _require_reachable(robot: Robot, goal: GoalCourse) -> None:
+    """Raises ArgumentError for what is no goal, for a set-point beyond the joint limits, or one that the
+    effort limits cannot hold; a callable is left to the gate."""
+    if callable(goal):
         return
-    if q is not None:
-        require_within(robot, q, "goal")
-        require_holdable(robot, q, "goal")
+    try:
+        q = robot.check_goal(goal).q
+    except (ArgumentError, TypeError, ValueError) as reason:
+        raise ArgumentError(
+            f"{reason}; expected q_d ({robot.nq},), a Reference, or a callable of the time [s] that returns "
+            f"either, got {goal!r}"
+        ) from reason
+    require_within(robot, q, "goal")
+    require_holdable(robot, q, "goal")
 
 
 def _warm_up(controller: BareController, shaping: Shaped | None, dt: float) -> Any:

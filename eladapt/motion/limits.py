@@ -9,10 +9,10 @@ import numpy as np
 from eladapt.errors import ArgumentError, require_gain, require_number
 from eladapt.gains.extremes import SAMPLES, configurations, effort, extremes
 from eladapt.gains.rules import Rule, rules_table, shown
+from eladapt.robot.joint_limits import speed
 from eladapt.robot.model import Robot
 from eladapt.robot.rotors import ASSUMED_ROTOR_ACCELERATION
 
-UNSET_VELOCITY = 2.0  # [rad/s or m/s] where neither URDF nor maker sets one
 SHARE = 0.5  # of the torque that gravity leaves: the rest is for loads, friction and what tracking takes
 SCARCE = 0.1  # of the effort limit, which counts as left where gravity takes nearly all
 RISE = 0.1  # [s] the least time to full speed and, again, to full acceleration: makers' values are near it
@@ -73,8 +73,7 @@ class MotionLimits:
             ))  # fmt: skip
             return found
 
-        declared = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, UNSET_VELOCITY)
-        top = settle("velocity", velocity, {"URDF": declared})
+        top = settle("velocity", velocity, {"URDF": speed(robot.velocity_limit)})
         postures = configurations(robot, SAMPLES, 0)
         inertia = np.array([robot.mass_matrix(q) for q in postures])
         gravity = np.array([robot.gravity(q) for q in postures])

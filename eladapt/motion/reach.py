@@ -14,7 +14,7 @@ from eladapt.errors import ArgumentError, require_vector
 from eladapt.motion.limits import MotionLimits
 from eladapt.motion.motions import Motion, move
 from eladapt.robot.model import Robot
-from eladapt.robot.postures import require_within
+from eladapt.robot.postures import require_within, turning, unholdable
 from eladapt.robot.reading import frame_index
 
 try:
@@ -52,7 +52,8 @@ def reach(
     whichever way it points. frame: a link's or joint's name; None for the robot's tool. Of the postures
     that reach it to 1e-9 m and rad, within the joint limits and torque to hold them, it takes the one found
     on the way from q0, else the nearest to q0 of those found from random starts. Raises ArgumentError where
-    none is found, with what the nearest leaves; UnknownNameError for a frame that is none.
+    none is found, with what the nearest leaves, and for a position further off than all links are long;
+    UnknownNameError for a frame that is none.
     """
     q0 = robot.check_q(q0, "q0")
     require_within(robot, q0, "q0")
@@ -61,7 +62,7 @@ def reach(
     for start in itertools.chain([q0], (robot.random_configuration(rng) for _ in range(STARTS - 1))):
         q, miss = kinematics.descended(start)
         nearest = min(nearest, miss, key=sum)
-        if sum(miss) < EXACT and np.all(np.abs(robot.gravity(q)) <= robot.effort_limit):
+        if sum(miss) < EXACT and not unholdable(robot, q):
             reached.append(q)
             if start is q0:
                 break
@@ -85,6 +86,13 @@ class _Kinematics:
         self.model = robot.model.copy()
         tool = robot.model.frames[frame_index(robot.model, frame)]
         self.model.addFrame(pin.Frame(TARGET, tool.parentJoint, tool.placement, pin.FrameType.OP_FRAME))
+        self.robot, self.lower, self.upper = robot, robot.lower, robot.upper
+        distance, longest = float(np.linalg.norm(self.wanted.translation)), _longest(robot, tool)
+        if distance > longest:
+            raise ArgumentError(
+                f"pose: its position is {distance:.4g} m from the base, {frame} reaches {longest:.4g} m at "
+                "most; is it in metres, in the base's frame?"
+            )
         self.limits = [ConfigurationLimit(self.model), VelocityLimit(self.model)]
         self.task = pink.FrameTask(TARGET, 1.0, float(self.turned), lm_damping=DAMPING)
 
@@ -105,23 +113,39 @@ class _Kinematics:
                 v = pink.solve_ik(place, [self.task], TIME, "daqp", limits=self.limits, safety_break=False)
             except pink.NoSolutionFound:
                 break
-            place.integrate_inplace(v, TIME)
+            q = self.robot.coordinates(place.integrate(v, TIME))  # beyond the limits by what pink rounds
+            place.update(self.robot.configuration(np.clip(q, self.lower, self.upper)))
         return place.q.copy(), miss
+
+
+def _longest(robot: Robot, frame: pin.Frame) -> float:
+    """[m] that a frame can be from the base at most: all links stretched out in one line."""
+    model, path = robot.model, list(robot.model.supports[frame.parentJoint])[1:]
+    links = sum(float(np.linalg.norm(model.jointPlacements[joint].translation)) for joint in path)
+    sliding = [model.idx_vs[joint] for joint in path if not turning(robot)[model.idx_vs[joint]]]
+    slid = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[sliding].sum()
+    return links + float(slid) + float(np.linalg.norm(frame.placement.translation)) + EXACT
 
 
 def _wanted(pose: pin.SE3 | np.ndarray | Sequence[float]) -> tuple[pin.SE3, bool]:
     """A pose, and whether its rotation counts."""
     if isinstance(pose, pin.SE3):
         pose = pose.homogeneous
-    given = require_vector("pose", np.ravel(pose), 3 if np.ndim(pose) == 1 else 16)
-    if np.ndim(pose) == 1:
+    legal = "pin.SE3, (4, 4) homogeneous, or (3,) a position alone, in the base's frame [m]"
+    try:
+        shape = np.shape(pose)
+    except ValueError:  # lists of different lengths
+        shape = ()
+    if shape not in ((3,), (4, 4)):
+        raise ArgumentError(f"pose: expected {legal}; got {f'shape {shape}' if shape else repr(pose)}")
+    given = require_vector("pose", np.ravel(pose), int(np.prod(shape)))
+    if shape == (3,):
         return pin.SE3(np.eye(3), given), False
-    if np.shape(pose) != (4, 4):
-        raise ArgumentError(f"pose: expected pin.SE3, shape (4, 4) or (3,), got {np.shape(pose)}")
     matrix = given.reshape(4, 4)
     R = matrix[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > RIGID or np.linalg.det(R) < 0 or np.any(matrix[3] != (0, 0, 0, 1)):
         raise ArgumentError(
-            f"pose: expected a rotation, a position [m] and the last row 0, 0, 0, 1, got {matrix.tolist()}"
+            f"pose: expected {legal}, whose (3, 3) is a rotation and whose last row is 0, 0, 0, 1; got "
+            f"{matrix.tolist()}"
         )
     return pin.SE3(R, matrix[:3, 3]), True

@@ -15,7 +15,15 @@ from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Traject
 from eladapt.compiling import SCALAR, VECTOR, VIEW, kernel, prepare
 from eladapt.errors import ArgumentError, GoalWarning, require_number
 from eladapt.motion.limits import MotionLimits
-from eladapt.robot.protocols import Around, BareController, Goal, handed_on, of_the_inner
+from eladapt.robot.postures import beyond
+from eladapt.robot.protocols import (
+    Around,
+    BareController,
+    Goal,
+    handed_on,
+    of_the_inner,
+    require_controller,
+)
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 
@@ -63,18 +71,18 @@ def reached(
 
 
 @kernel(VECTOR, VECTOR, VECTOR, VECTOR)
-def come_inside(way: np.ndarray, x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> int:
-    """Shorten the way (nv,) to joint coordinates x that are beyond the joint limits, in place; the last joint
-    that is, -1 if none."""
-    beyond = -1
+def come_inside(way: np.ndarray, x: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
+    """Shorten the way (nv,) to joint coordinates x that are beyond the joint limits, in place; whether any
+    are."""
+    shortened = False
     for i in range(len(x)):
         if x[i] > upper[i]:
             way[i] += upper[i] - INSIDE - x[i]
-            beyond = i
+            shortened = True
         elif x[i] < lower[i]:
             way[i] += lower[i] + INSIDE - x[i]
-            beyond = i
-    return beyond
+            shortened = True
+    return shortened
 
 
 @kernel(VIEW, VIEW, VECTOR, VECTOR)
@@ -110,6 +118,7 @@ class ShapedState(NamedTuple):
     reference: Reference  # where the arm should be now
     t: float  # [s] of the measurement that the reference belongs to
     begun: bool = False  # whether a goal was seen yet
+    beyond: bool = False  # whether the last one was beyond the joint limits, which was said then
 
     @property
     def fault(self) -> Any:
@@ -141,7 +150,8 @@ class Shaped(Around):
     once it is reached. A goal beyond the joint limits is taken just inside, by `INSIDE`. While a gate inside
     holds a fault, the reference stands where the arm is.
 
-    limits: None for `MotionLimits.for_robot` of the controller's robot. Put it around a gate, so that the
+    limits: None for `MotionLimits.for_robot` of the controller's robot. Raises ArgumentError for what is no
+    controller, one that is shaped already, and limits of other joints. Put it around a gate, so that the
     gate judges what the controller is asked for: ``Shaped(GatedController.for_robot(controller))``.
     """
 
@@ -150,6 +160,15 @@ class Shaped(Around):
 
     def __post_init__(self) -> None:
         prepare()
+        require_controller(self.controller)
+        if shapes(self.controller):
+            raise ArgumentError(
+                f"controller: expected one without Shaped in it, got {self.controller!r}; shape a goal once"
+            )
+        if not isinstance(self.limits, MotionLimits | None):
+            raise ArgumentError(
+                f"limits: expected MotionLimits, or None for MotionLimits.for_robot, got {self.limits!r}"
+            )
         limits = self.limits or MotionLimits.for_robot(self.controller.robot)
         if limits.robot.joint_names != self.controller.robot.joint_names:
             raise ArgumentError(
@@ -185,15 +204,19 @@ class Shaped(Around):
         except ArgumentError:
             inner, tau = self.controller.step(state.inner, measurement, goal, dt)
             return state._replace(inner=inner), tau
-        t, reference = getattr(measurement, "t", None), state.reference
+        t, reference, outside = getattr(measurement, "t", None), state.reference, state.beyond
         if state.fault is not None:
             reference = self._seen(measurement) or reference
         elif not state.begun:
             reference = self._begun(reference, wanted)
         elif t != state.t:
-            reference = self.follow(reference, wanted, dt)
+            way, outside = self._way(reference, wanted)
+            if outside and not state.beyond:
+                self._say_beyond(wanted)
+            reference = self._followed(reference, way, wanted, dt)
         inner, tau = self.controller.step(state.inner, measurement, handed_on(reference), dt)
-        return ShapedState(inner, reference, float(t) if isinstance(t, int | float) else state.t, True), tau
+        seen = float(t) if isinstance(t, int | float) else state.t
+        return ShapedState(inner, reference, seen, True, outside), tau
 
     def follow(self, reference: Reference, goal: Reference, dt: float) -> Reference:
         """The reference dt [s] later, on its way to the goal.
@@ -202,14 +225,25 @@ class Shaped(Around):
         limits beside the goal's own motion is what it takes to come nearer. A goal that leaves nothing is
         run after where it is; to one that no motion leads to, 1e300 rad off, the reference brakes.
         """
+        return self._followed(reference, self._way(reference, goal)[0], goal, dt)
+
+    def _way(self, reference: Reference, goal: Reference) -> tuple[np.ndarray, bool]:
+        """(nv,) from the reference to the goal, or to just inside the joint limits, and whether the goal is
+        beyond them."""
         model, frame = self.robot.model, self._frame
         way = pin.difference(model, reference.q, goal.q)
         x = pin.difference(model, frame.neutral, goal.q)
-        if (i := come_inside(way, x, frame.lower, frame.upper)) >= 0:
-            name, low, high = self.robot.joint_names[i], frame.lower[i], frame.upper[i]
-            said = f"goal: {name} is beyond its limits, {low:.4g} to {high:.4g}; taken just inside"
-            with contextlib.suppress(GoalWarning):  # where warnings are errors, too: the arm moves
-                warnings.warn(said, GoalWarning, stacklevel=3)
+        return way, come_inside(way, x, frame.lower, frame.upper)
+
+    def _say_beyond(self, goal: Reference) -> None:
+        frame = self._frame
+        said = beyond(self.robot, self.robot.coordinates(goal.q), frame.lower, frame.upper)
+        with contextlib.suppress(GoalWarning):  # where warnings are errors, too: the arm moves
+            warnings.warn(f"goal: {said}; taken just inside", GoalWarning, stacklevel=4)
+
+    def _followed(self, reference: Reference, way: np.ndarray, goal: Reference, dt: float) -> Reference:
+        """The reference dt [s] later, on a way (nv,) to the goal."""
+        model, frame = self.robot.model, self._frame
         limits = frame.limits
         if reached(way, *reference[1:], *goal[1:], *limits, dt):
             return Reference(pin.integrate(model, reference.q, way), goal.v, goal.a)
@@ -268,6 +302,15 @@ class Shaped(Around):
             return self._here(measurement)
         except (ArgumentError, TypeError, ValueError, OverflowError):
             return None
+
+
+def shapes(controller: Any) -> bool:
+    """Whether a controller, or the one inside of whatever it is, is `Shaped`."""
+    while not isinstance(controller, Shaped):
+        if not isinstance(controller, Around):
+            return False
+        controller = controller.controller
+    return True
 
 
 def _planning(jerk: np.ndarray) -> _Planning:

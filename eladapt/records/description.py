@@ -47,6 +47,13 @@ def describe_plant(plant: Any) -> Any:
     return {"class": type(plant).__name__, **settings, **inner}
 
 
+def innermost(described: Any) -> Mapping[str, Any]:
+    """Of a described controller, what is in whatever stands around it; empty where none is described."""
+    while isinstance(described, Mapping) and isinstance(described.get("controller"), Mapping):
+        described = described["controller"]
+    return described if isinstance(described, Mapping) else {}
+
+
 def versions() -> dict[str, str]:
     """The releases that made a record."""
     return {name: importlib.metadata.version(name) for name in ("eladapt", "pin", "numpy", "scipy")}

@@ -20,6 +20,8 @@ carried (reviewed)        (5,)    the load's mass [kg], its centre [m], and the 
 from __future__ import annotations
 
 import dataclasses
+import math
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -45,6 +47,8 @@ SAMPLED = (
 )
 REVIEWED = ("excitation", "carried")
 REVIEW_PERIOD = 1 / 30  # [s] as often as it is drawn
+LONGEST = 1e12  # [s] that a run may be asked to last; how long a record memory holds is another matter
+COPIES = 2  # of every sample: the recorder's, and the record's
 
 
 class Recorder:
@@ -119,6 +123,14 @@ class Recorder:
         self._braked = wanted
 
     def _make_room(self, sample: Mapping[str, Any]) -> None:
+        """Raises ArgumentError, before the first sample is kept, for a record that memory does not hold."""
+        if not self._columns:
+            needed = COPIES * self.capacity * sum(8 * np.size(value) for value in sample.values())
+            if needed > (there := memory()):
+                raise ArgumentError(
+                    f"a record of {self.capacity:.4g} samples takes {needed / 1e9:.3g} GB of memory, this "
+                    f"computer has {there / 1e9:.3g} GB; expected a shorter duration, or a longer dt"
+                )
         for name, value in sample.items():
             if name not in self._columns:
                 self._columns[name] = np.full((self.capacity, *np.shape(value)), np.nan)
@@ -184,6 +196,14 @@ class Recorder:
             for name, values in found.items():
                 rows.setdefault(name, []).append(np.array([t, *values]))
         return {name: np.array(some) for name, some in rows.items()}
+
+
+def memory() -> float:
+    """[bytes] that this computer has; inf where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):
+        return math.inf
 
 
 def _with_friction(robot: Robot, rubbing: Rubbing) -> Robot:

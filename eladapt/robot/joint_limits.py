@@ -10,12 +10,18 @@ import pinocchio as pin
 from eladapt.errors import UnknownNameError, require_gain
 
 PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
+UNSET_VELOCITY = 2.0  # [rad/s or m/s] of a joint for which nobody sets a speed limit
 POSTURES = 50  # in which gravity is compared with the effort limits
 
 
 def set_or_inf(limit: np.ndarray) -> np.ndarray:
     """The limits (nv,), +inf where none is set."""
     return np.where(limit > 0, limit, np.inf)
+
+
+def speed(limit: np.ndarray) -> np.ndarray:
+    """Speed limits (nv,) that are all finite: `UNSET_VELOCITY` where none is set."""
+    return np.where(np.isfinite(limit), limit, UNSET_VELOCITY)
 
 
 def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:

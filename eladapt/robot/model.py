@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, UnknownNameError, require_number, require_vector
+from eladapt.errors import ArgumentError, UnknownNameError, require_vector
 from eladapt.robot import library
 from eladapt.robot.joint_limits import (
     clipped_neutral,
@@ -31,6 +31,7 @@ from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 from eladapt.urdf.assets import MeshUse
 from eladapt.urdf.editing import Edits
+from eladapt.urdf.weighing import require_density
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +106,13 @@ class Robot:
         ``home`` defaults to the neutral posture, clipped to the limits, and ``target`` to home.
         ``mend`` takes the nearest physical inertia for bodies whose principal moments no body has, and
         warns of each change; without it they are refused. ``density`` [kg/m^3] weighs moving links that have
-        no <inertial> by their shapes, see `weigh`. ``edits``: inertias, friction and rotors in place of the
-        file's, see `Edits`; a file gives rotors itself as <dynamics armature="...">.
+        no <inertial> by their shapes, see `weigh`; from 10 to 23,000. ``edits``: inertias, friction and
+        rotors in place of the file's, see `Edits`; a file gives rotors itself as <dynamics armature="...">.
         Raises UrdfError with every fault found, and UnknownNameError for a joint, frame or limit
         that does not exist.
         """
         path = Path(path)
-        density = None if density is None else require_number("density", density, 0)
+        density = None if density is None else require_density("density", density)
         read = read_robot(
             path, package_dirs, locked, armature=armature or {}, gravity=gravity, mend=mend, density=density,
             edits=None if edits is None else Edits(*edits),

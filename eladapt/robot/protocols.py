@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import pinocchio as pin
 
+from eladapt.errors import ArgumentError
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement, Reference
 
@@ -57,6 +58,20 @@ class Recorded(Protocol):
 
 class Controller(BareController, Recorded, Protocol):
     """What every controller of the library is."""
+
+
+def require_controller(controller: Any) -> None:
+    """Raises ArgumentError for what is no controller, a robot above all."""
+    if isinstance(controller, Robot):
+        raise ArgumentError(
+            f"controller: expected a controller, got {controller!r}; make one of it, as with "
+            "CompositeController.for_robot(robot)"
+        )
+    if missing := [name for name in ("robot", "init", "step") if not hasattr(controller, name)]:
+        raise ArgumentError(
+            f"controller: expected one with robot, init and step, see BareController; "
+            f"{type(controller).__name__} lacks {', '.join(missing)}"
+        )
 
 
 class Unrecorded:

@@ -29,6 +29,7 @@ from eladapt.compiling import COUNTS, CUBE, MATRIX, SCALAR, VECTOR, kernel
 from eladapt.errors import require_gain
 from eladapt.gains.derived import LEAST_ROTOR_ACCELERATION
 from eladapt.gains.extremes import levers
+from eladapt.robot.joint_limits import speed
 from eladapt.robot.model import Robot
 from eladapt.safety.guards import Alarm
 
@@ -43,6 +44,7 @@ LIVELY_MEMORY, LIVELY = 0.15, 0.45  # [s]; share of samples at rest that turn ba
 SAME = 20  # samples in a row without any noise
 HALTED = (3, 5)  # samples in a row after which a joint that moved has halted at once
 BRIDGED = 0.05  # [s] over which the mean of two velocities tells a way
+SPREAD = 8.0  # standard deviations of the position's white noise that a way may be off by beside
 SMALLEST = 1e-8  # [rad, rad/s] a change that is noise and not the tail of something
 
 
@@ -145,16 +147,23 @@ class Belief:
 
     @classmethod
     def for_robot(cls, robot: Robot, effort: np.ndarray, velocity: np.ndarray) -> Belief:
-        """From the limits, (nv,): 1 % of the effort; 4 %, and 25 % and the URDF's friction, or what a person
-        who pushes the tool makes; a rotor that the effort turns at 50 rad/s^2; 1.5 ms at the speed limit."""
-        fastest = np.where(np.isfinite(velocity), velocity, 2.0)
-        pushed = PUSH * (levers(robot) + HAND)
+        """From the limits, (nv,).
+
+        least: 1 % of the effort. against: 4 %, or what a person who pushes the tool makes. silent: 25 % and
+        the URDF's friction, or 1.5 times that push. rotor: one that the effort turns at 50 rad/s^2.
+        contradiction: 1.5 ms at the speed limit. still: 0.5 % of the speed limit. halting: 10 % of it.
+        """
+        fastest, pushed = speed(velocity), PUSH * (levers(robot) + HAND)
         return cls(
-            robot, 0.01 * effort, np.maximum(0.04 * effort, pushed),
-            np.maximum(0.25 * effort + robot.friction, 1.5 * pushed),
-            effort / LEAST_ROTOR_ACCELERATION, 1.5e-3 * fastest, 5e-3 * fastest,
-            0.1 * fastest,
-        )  # fmt: skip
+            robot,
+            least=0.01 * effort,
+            against=np.maximum(0.04 * effort, pushed),
+            silent=np.maximum(0.25 * effort + robot.friction, 1.5 * pushed),
+            rotor=effort / LEAST_ROTOR_ACCELERATION,
+            contradiction=1.5e-3 * fastest,
+            still=5e-3 * fastest,
+            halting=0.1 * fastest,
+        )
 
     def init(self) -> BeliefState:
         """Nothing seen."""
@@ -221,10 +230,11 @@ class Belief:
         if deaf.any():
             i = int(deaf.argmax())
             said = (
-                f"{names[i]!r} does not answer its torque: encoder or drive are dead, or something holds it"
+                f"{names[i]!r} does not answer its torque: encoder or drive are dead, something holds it, or "
+                "what it carries is too heavy"
             )
             return Alarm("unresponsive", said)
-        allowed = self.contradiction + CONTRADICTION * state.way + 8 * np.sqrt(state.jitter)
+        allowed = self.contradiction + CONTRADICTION * state.way + SPREAD * np.sqrt(state.jitter)
         apart = np.abs(state.drift) - allowed
         if apart.max() > 0:
             i = int(apart.argmax())

@@ -38,6 +38,8 @@ FULL = 0.99  # of the effort limit
 LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
 FAR = 0.1  # [rad or m] beyond its range a joint is not where it is seen, or nowhere to start from
 EDGE = 1e-3  # [rad or m] by which a goal may be beyond
+# By name; those of positions may be negative.
+LIMITS = ("torque_rate", "velocity", "contact", "lower", "upper")
 ROUNDING = 1e-9  # of max_age: steps of dt that sum up to it do not exceed it
 
 
@@ -98,16 +100,8 @@ class TorqueGate:
     def __post_init__(self) -> None:
         nv = self.robot.nv
         object.__setattr__(self, "effort", require_gain("effort", self.effort, nv))
-        for name in ("torque_rate", "velocity", "contact"):
-            limit = np.asarray(getattr(self, name), dtype=float)
-            if limit.shape not in ((), (nv,)) or not np.all(limit > 0):
-                raise ArgumentError(f"{name}: expected positive, scalar or ({nv},), got {limit}")
-            object.__setattr__(self, name, np.broadcast_to(limit, (nv,)).copy())
-        for name in ("lower", "upper"):
-            limit = np.asarray(getattr(self, name), dtype=float)
-            if limit.shape not in ((), (nv,)) or np.isnan(limit).any():
-                raise ArgumentError(f"{name}: expected numbers, scalar or ({nv},), got {limit}")
-            object.__setattr__(self, name, np.broadcast_to(limit, (nv,)).copy())
+        for name in LIMITS:
+            object.__setattr__(self, name, _limit(name, getattr(self, name), nv))
         if np.any(self.lower >= self.upper):
             raise ArgumentError(f"lower, upper: expected lower < upper, got {self.lower} and {self.upper}")
         for name in ("max_age", "resolution"):
@@ -120,16 +114,19 @@ class TorqueGate:
         """Limits from the URDF; those ``given`` by name are kept.
 
         effort: the URDF's, or max(3 max|g|, 20 max M) where it sets none. torque_rate: all of it in 10 ms,
-        or ten steps of dt, and no more than the maker allows. velocity: 1.1 times the URDF's, 1 for what a
-        noisy sensor adds. max_age: 20 ms, or five steps. fallback: with a horizon of 10 ms, or three steps.
-        belief: `Belief.for_robot`. Raises UnknownNameError for a name that is no limit.
+        or ten steps of dt, and no more than the maker allows. velocity: the URDF's and a tenth
+        more, for the noise of what is measured. max_age: 20 ms, or five steps. fallback: with a horizon of
+        10 ms, or three steps. belief: `Belief.for_robot`. Raises UnknownNameError for a name that is no
+        limit, ArgumentError for a limit that is no number.
         """
         dt = require_number("dt", dt, 0)
         legal = [name for name in cls.__dataclass_fields__ if name != "robot"]
         if unknown := [name for name in given if name not in legal]:
             raise UnknownNameError("limit", unknown, legal)
-        largest = extremes(robot)
-        limit = np.broadcast_to(np.asarray(given.get("effort", effort(robot, largest)), float), robot.nv)
+        given = {k: _limit(k, v, robot.nv) if k in ("effort", *LIMITS) else v for k, v in given.items()}
+        if "max_age" in given:
+            require_number("max_age", given["max_age"], 0)
+        limit = given.get("effort", effort(robot, extremes(robot)))
         rate = limit / max(0.01, 10 * dt)
         if "torque_rate" in robot.published:
             rate = np.minimum(rate, robot.published["torque_rate"])
@@ -138,15 +135,12 @@ class TorqueGate:
             "velocity": 1.1 * robot.velocity_limit, "lower": robot.lower, "upper": robot.upper,
         }  # fmt: skip
         limits = {**derived, **given}
-        velocity, lower, upper = (
-            np.broadcast_to(np.asarray(limits[name], dtype=float), robot.nv)
-            for name in ("velocity", "lower", "upper")
-        )
-        reversing = np.asarray(limits["effort"]) / np.asarray(limits["torque_rate"])
+        velocity, lower, upper = (limits[name] for name in ("velocity", "lower", "upper"))
+        reversing = limit / limits["torque_rate"]
         horizon = np.maximum(max(0.01, 10 * dt), np.minimum(reversing, LONGEST_HORIZON))
         barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 4 * horizon), horizon=horizon)
         fallback = Fallback(
-            robot, limit, np.asarray(limits["torque_rate"]), max(0.01, 3 * dt), bridging=limits["max_age"]
+            robot, limit, limits["torque_rate"], max(0.01, 3 * dt), bridging=limits["max_age"]
         )
         belief = Belief.for_robot(robot, limit, velocity)
         return cls(robot, **{"barrier": barrier, "fallback": fallback, "belief": belief, **limits})
@@ -294,6 +288,18 @@ class TorqueGate:
             f"{self.lower[i]:.4g} and {self.upper[i]:.4g}"
         )
         return Alarm("joint limit", said)
+
+
+def _limit(name: str, value: Any, nv: int) -> np.ndarray:
+    """(nv,) a limit, inf where there is none. Raises ArgumentError, naming it."""
+    sign = "" if name in ("lower", "upper") else "positive "
+    try:
+        limit = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        limit = np.array(np.nan)
+    if limit.shape not in ((), (nv,)) or np.isnan(limit).any() or (sign and np.any(limit <= 0)):
+        raise ArgumentError(f"{name}: expected {sign}numbers, one for all joints or ({nv},), got {value!r}")
+    return np.broadcast_to(limit, (nv,)).copy()
 
 
 def checked_torque(tau: Any, nv: int) -> np.ndarray:

@@ -8,7 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eladapt.errors import ArgumentError, require_number
-from eladapt.robot.protocols import Around, BareController, Goal, handed_on, of_the_inner
+from eladapt.robot.protocols import (
+    Around,
+    BareController,
+    Goal,
+    handed_on,
+    of_the_inner,
+    require_controller,
+)
 from eladapt.safety.gate import GateState, TorqueGate, checked_torque
 from eladapt.signals import Fault, Measurement
 
@@ -55,6 +62,7 @@ class GatedController(Around):
     gate: TorqueGate
 
     def __post_init__(self) -> None:
+        require_controller(self.controller)
         if self.gate.robot.joint_names != self.controller.robot.joint_names:
             raise ArgumentError(
                 f"gate: expected one for the controller's joints {self.controller.robot.joint_names}, "
@@ -64,6 +72,7 @@ class GatedController(Around):
     @classmethod
     def for_robot(cls, controller: BareController, dt: float = 1e-3, **limits: Any) -> GatedController:
         """The controller behind the limits of its robot's URDF; see `TorqueGate.for_robot`."""
+        require_controller(controller)
         return cls(controller, TorqueGate.for_robot(controller.robot, dt, **limits))
 
     def __repr__(self) -> str:

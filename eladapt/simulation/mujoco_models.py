@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from eladapt.errors import ArgumentError, Finding, UrdfError
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import turning
 from eladapt.robot.reading import frame_index
 from eladapt.simulation.alignment import point_in_body
 from eladapt.simulation.disturbances import Payload
@@ -107,9 +108,7 @@ def _matched(robot: Robot, model: mujoco.MjModel, where: str) -> np.ndarray:
         )
     rest = iter([k for k, name in enumerate(names) if name not in robot.joint_names])
     found = np.array([names.index(name) if name in names else next(rest) for name in robot.joint_names])
-    for name, k in zip(robot.joint_names, found, strict=True):
-        kind = robot.model.joints[robot.model.getJointId(name)].shortname()
-        hinge = not kind.startswith("JointModelP")  # prismatic
+    for name, hinge, k in zip(robot.joint_names, turning(robot), found, strict=True):
         expected = mujoco.mjtJoint.mjJNT_HINGE if hinge else mujoco.mjtJoint.mjJNT_SLIDE
         if model.jnt_type[k] != expected:
             raise ArgumentError(

@@ -12,8 +12,15 @@ from tqdm import tqdm
 from eladapt.compiling import prepare
 from eladapt.errors import BrakesWarning, EladaptError, SimulationError, printable, require_number
 from eladapt.records.record import Record
-from eladapt.records.recorder import Recorder
-from eladapt.robot.protocols import BareController, GoalCourse, Plant, gate_of, handed_on
+from eladapt.records.recorder import LONGEST, Recorder
+from eladapt.robot.protocols import (
+    BareController,
+    GoalCourse,
+    Plant,
+    gate_of,
+    handed_on,
+    require_controller,
+)
 
 Observer = Callable[[float, np.ndarray, np.ndarray, Any], object]  # t [s], q, q_d, the controller's state
 
@@ -42,7 +49,8 @@ def simulate(
     or goal fail on the way.
     """
     dt = require_number("dt", dt, 0)
-    steps = round(require_number("duration", duration, 0) / dt)
+    steps = round(require_number("duration", duration, 0, LONGEST) / dt)
+    require_controller(controller)
     robot = plant.robot
     prepare()
     goal_at = goal if callable(goal) else (lambda _t: goal)

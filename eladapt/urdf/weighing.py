@@ -11,13 +11,23 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
-from eladapt.errors import Finding, MeshError, UrdfError
+from eladapt.errors import ArgumentError, Finding, MeshError, UrdfError, require_number
 from eladapt.meshes.mesh import read_mesh
 from eladapt.urdf.assets import Folders
 from eladapt.urdf.editing import inertial_text
 from eladapt.urdf.holding import moving_links
 from eladapt.urdf.numbers import label_of, parse
 from eladapt.urdf.tree import child_value
+
+LIGHTEST, HEAVIEST = 10.0, 23_000.0  # [kg/m^3] a foam; osmium
+
+
+def require_density(name: str, value: float) -> float:
+    """A density [kg/m^3] of something that an arm is made of. Raises ArgumentError: 2.7 is in g/cm^3."""
+    try:
+        return require_number(name, value, LIGHTEST, HEAVIEST, closed=True)
+    except ArgumentError as reason:
+        raise ArgumentError(f"{reason}; in kg/m^3, aluminium has 2700, steel 7800, plastic 1000") from None
 
 
 def weigh(

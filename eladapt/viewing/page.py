@@ -53,8 +53,8 @@ const place = () => {
   viewer.controls.target.set(...camera.target);
   viewer.controls.update();
 };
-if (innerWidth > 0) place();
-else addEventListener("resize", place, {once: true});  // in a frame that is not yet shown
+const placed = () => innerWidth > 0 ? place() : requestAnimationFrame(placed);
+placed();  // a frame that is not yet shown has no width, and may be told of none when it is
 $stream
 </script>
 </body>

@@ -15,6 +15,11 @@ from eladapt.cli import main
 BROKEN = """<robot name="r"><link name="a"/><link name="b"/>
 <joint name="j" type="{}"><parent link="{}"/><child link="b"/></joint></robot>"""
 
+LINK = """<link name="{0}"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
+<inertia ixx="0.03" iyy="0.04" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{1}" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>"""
+
 
 def run(*arguments, folder=None):
     """The command in a process of its own, as from a shell."""
@@ -36,6 +41,8 @@ def files(tmp_path_factory):
     (folder / "cut.npz").write_bytes((folder / "run.npz").read_bytes()[:3000])
     (folder / "loose.urdf").write_text(BROKEN.format("hinge", "nowhere"))
     (folder / "not.urdf").write_text("<robot")
+    weak = JOINT.replace("{1}", "j1").replace("50", "3")
+    (folder / "weak.urdf").write_text(f'<robot name="r"><link name="base"/>{LINK.format("l1")}{weak}</robot>')
     return folder
 
 
@@ -66,15 +73,27 @@ WRONG = [
     (("run", "three_link"), 1, "unknown robot"),
     (("run", "two_link", "--goal", "1"), 1, "--goal: expected 2 numbers, for shoulder, elbow; got 1"),
     (("run", "two_link", "--goal", "nan", "1"), 1, "finite"),
-    (("run", "two_link", "--goal", "99", "1"), 1, "99 is outside the limits of shoulder"),
-    (("run", "two_link", "--start", "1", "99"), 1, "--start: 99 is outside the limits of elbow"),
+    (("run", "two_link", "--goal", "99", "1"), 1, "--goal: shoulder at 99 is beyond its limits, "),
+    (("run", "two_link", "--goal", "45", "-30"), 1, "shoulder at 45 (-10 to 10), elbow at -30 ("),
+    (("run", "two_link", "--goal", "45", "-30"), 1, "; are these degrees?"),
+    (("run", "two_link", "--start", "1", "99"), 1, "--start: elbow at 99 is beyond its limits, "),
     (("run", "two_link", "--payload", "-2"), 1, "--payload: expected a finite number in (0, inf), got -2"),
     (("run", "two_link", "--payload", "1", "--attach", "-1"), 1, "--attach"),
-    (("run", "two_link", "--noise", "-1"), 1, "--noise"),
+    (("run", "two_link", "--attach", "1"), 1, "--attach: expected with --payload"),
+    (
+        ("check", "not.urdf", "--density", "2.7"),
+        1,
+        "--density: expected a finite number in [10, 23000], got 2.7",
+    ),
+    (("check", "not.urdf", "--density", "1e-300"), 1, "in kg/m^3, aluminium has 2700"),
+    (("run", "two_link", "--noise", "-1"), 1, "--noise: expected a finite number in [0, inf), got -1"),
     (("run", "two_link", "--seed", "-1"), 1, "--seed"),
     (("run", "two_link", "--dt", "0"), 1, "--dt"),
     (("run", "two_link", "--duration", "inf"), 1, "--duration"),
     (("run", "two_link", "--duration", "1e-9"), 1, "--duration: expected at least a step"),
+    (("run", "two_link", "--duration", "1e308"), 1, "--duration: expected a finite number in (0, 1e+12)"),
+    (("run", "weak.urdf", "--goal", "1.5"), 1, "--goal: j1 cannot be held there: gravity takes 3.9"),
+    (("run", "two_link", "--duration", "1e9"), 1, "a record of 1e+12 samples takes "),
     (("run", "two_link", "--out", "run.npz/here"), 1, "run.npz"),
     (("report", "nowhere.npz"), 1, "no such record"),
     (("report", "text.npz"), 1, "not a record"),
@@ -221,6 +240,22 @@ def test_a_run_says_what_became_of_the_limits(tmp_path, monkeypatch, capsys):
     assert "\nfault: not recorded\n" in said
 
 
+def test_a_load_that_is_too_heavy_is_said_so(tmp_path, monkeypatch, capsys):
+    """Before the run, and among what the gate takes for the cause; an estimate that is none is said in
+    words."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "panda", "--payload", "1000", "--duration", "0.1", "--no-certificates"]) == 3
+    out, err = capsys.readouterr()
+    assert re.search(
+        r"warning: --payload: 1000 kg are too heavy for this arm at its goal: panda_joint\d cannot be held",
+        err,
+    )
+    assert "what it carries is too heavy" in out
+    assert "load, as estimated: not known" in out
+    assert "panda_joint7  not known" in out
+    assert "nan" not in out
+
+
 def test_a_run_that_diverges_keeps_what_happened(tmp_path, monkeypatch, capsys):
     """The load is far too heavy: one line, and the record up to there."""
     monkeypatch.chdir(tmp_path)
@@ -249,10 +284,6 @@ def test_live_shows_the_run_while_it_goes_on(tmp_path, monkeypatch, capsys):
     assert "The arm can be seen at http://127.0.0.1:" in capsys.readouterr().out
 
 
-LINK = """<link name="{0}"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
-<inertia ixx="0.03" iyy="0.04" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{1}" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
-<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>"""
 # An 8-bit and a 7-bit command for the terminal, a bell, and letters that run from right to left.
 STEERING = "J\u009b31m\x1b]0;owned\x07\u202etxt\u2066"
 

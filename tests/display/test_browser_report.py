@@ -77,6 +77,8 @@ def test_the_motion_is_seen_in_its_tab(chrome, record_of, tmp_path):
     shown(tab, "3D").click()
     frame = next(f for f in tab.page.frames if f.url == "about:srcdoc")
     frame.wait_for_function("typeof viewer !== 'undefined' && innerWidth > 600")
+    placed = "viewer.camera.position.distanceTo(viewer.controls.target) - camera.distance"
+    frame.wait_for_function(f"Math.abs({placed}) < 1e-6")  # rounding
     frame.evaluate("viewer.animator.pause(); viewer.animator.seek(0);")
     with_arm = tab.settled()
     frame.evaluate("viewer.scene_tree.find(['meshcat', 'robot']).object.visible = false; viewer.set_dirty();")

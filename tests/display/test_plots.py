@@ -180,8 +180,22 @@ def test_unknown_true_values_and_diverged_samples_are_drawn(record_of, tmp_path)
     record = record_of("two_link", parameters_true=None)
     record.error[-100:] = np.nan
     record.theta[-100:] = np.nan
-    ea.plot(record, tmp_path / "run.png")
-    assert "size of the estimates' errors" not in panels(ea.plot(record))
+    drawn = panels(ea.plot(record, tmp_path / "run.png"))
+    assert "size of the estimates' errors" not in drawn
+    assert "estimates" in drawn, "no true values are promised"
+
+
+def test_a_legend_is_read_line_by_line(record_of):
+    """Seven joints whose names take more than one line of it."""
+    names = tuple(f"joint with a name as long as many are {number}" for number in range(1, 8))
+    figure = ea.plot(record_of("panda", joint_names=names))
+    figure.draw_without_rendering()
+    places = {}
+    for text in figure.legends[0].get_texts():
+        box = text.get_window_extent()
+        places[text.get_text()] = (-round(box.y0), round(box.x0))
+    assert len({row for row, _ in places.values()}) > 1
+    assert sorted(names, key=places.__getitem__) == list(names)
 
 
 def test_a_title_is_text_and_no_formula(record_of, tmp_path):

@@ -1,5 +1,6 @@
 """The report is one file that says all there is to a run, and asks nobody for anything."""
 
+import dataclasses
 import html.parser
 import re
 
@@ -48,6 +49,18 @@ def test_gains_come_with_the_rule_that_set_each(record):
     for gain in ("P", "D", "D_L", "pole", "Gamma", "Upsilon"):
         assert f"<td>{gain}</td>" in text
     assert "1.5 P^(3/4)" in text
+
+
+def test_gains_and_bounds_are_found_inside_whatever_stands_around_the_controller(record):
+    """A gate and a shaped goal change neither."""
+    inner = {**record.configuration["controller"], "law": {"bounds": [2.0] * record.theta.shape[1]}}
+    around = {"class": "Shaped", "controller": {"class": "GatedController", "controller": inner, "gate": {}}}
+    bare, wrapped = (
+        dataclasses.replace(record, configuration={"controller": part}) for part in (inner, around)
+    )
+    assert "given, not derived" not in tables.gains(wrapped)
+    assert tables.gains(wrapped) == tables.gains(bare)
+    np.testing.assert_array_equal(charts.bounds_of(wrapped), charts.bounds_of(bare))
 
 
 def test_a_controller_without_rules_still_shows_its_gains(record):
@@ -101,6 +114,18 @@ def test_charts_hold_the_records_values(record):
             np.testing.assert_allclose(lines_of(chart)[name][1], column, rtol=1e-6, atol=1e-9)
     assert arrival.y_scale.__class__.__name__ == "LogScale"
     assert min(np.min(y) for _, y in lines_of(arrival).values()) >= 0.99e-12
+
+
+def test_true_values_step_where_a_load_comes(record):
+    """They are drawn as they were: before the load without it, from then on with it."""
+    course = np.tile(record.parameters_true, (len(record), 1))
+    course[len(record) // 2 :] *= 2
+    loaded = dataclasses.replace(record, parameters_true_course=course)
+    estimates = charts.learning(loaded)[0]
+    assert estimates.title.text == "gravity parameters θ; thin: true values"
+    for index, true in enumerate(loaded.theta_true_course.T):
+        _, drawn = lines_of(estimates)[f"true θ{index + 1}"]
+        assert set(np.unique(drawn)) == set(np.unique(true))
 
 
 def test_bounds_and_true_values_of_the_estimates_are_drawn(record):

@@ -27,6 +27,7 @@ from display_records import loaded
 
 import eladapt as ea
 from eladapt.errors import MeshWarning
+from eladapt.robot.reading import frame_index
 from eladapt.viewing import page as serving
 from eladapt.viewing.loads import UNSEEN, loads_of, radius_of
 from eladapt.viewing.meshes import ROBOT_TRIANGLES
@@ -181,7 +182,7 @@ def test_the_line_is_the_path_of_the_tool(page_of):
     robot = ea.Robot.load("panda")
     (line,) = page.geometries("tool path")
     points = array(line["data"]["attributes"]["position"])
-    data, frame = robot.model.createData(), robot.model.getFrameId(robot.tool)
+    data, frame = robot.model.createData(), frame_index(robot.model, robot.tool)
     for point, q in ((points[0], record.q[0]), (points[-1], record.q[-1])):
         pin.framesForwardKinematics(robot.model, data, q)
         np.testing.assert_allclose(point, data.oMf[frame].translation, atol=1e-5)

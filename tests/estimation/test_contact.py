@@ -8,6 +8,7 @@ from shared import load
 import eladapt as ea
 from eladapt.errors import ArgumentError
 from eladapt.estimation.contact import ContactDetector
+from eladapt.robot.reading import frame_index
 
 DT, COMES = 1e-3, 0.5
 NOISE = ea.Noise(1e-5, 1e-3)
@@ -15,7 +16,7 @@ NOISE = ea.Noise(1e-5, 1e-3)
 
 def torque_of(robot: ea.Robot, q: np.ndarray, force: np.ndarray) -> np.ndarray:
     """(nv,) what a force at the tool makes."""
-    data, frame = robot.model.createData(), robot.model.getFrameId(robot.tool)
+    data, frame = robot.model.createData(), frame_index(robot.model, robot.tool)
     return pin.computeFrameJacobian(robot.model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:3].T @ force
 
 

@@ -1,6 +1,7 @@
 """Coulomb friction in the regression: exact through stiction, and its estimate in physical units."""
 
 import functools
+import re
 
 import numpy as np
 import pytest
@@ -105,6 +106,19 @@ def test_friction_is_found():
     np.testing.assert_allclose(estimate.viscous, VISCOUS, rtol=0.01)
     np.testing.assert_allclose(estimate.coulomb, COULOMB, rtol=0.01)
     assert np.isnan(estimate.offset).all()
+
+
+def test_friction_is_said_in_words():
+    """A row a joint; what was not seen, and what there is no column for, is said and not printed as nan."""
+    reg = regressors()
+    head, shoulder, elbow = str(found(reg, gated()[2])).split("\n")
+    assert " ".join(head.split()) == "friction viscous [N m s/rad] Coulomb [N m] offset [N m]"
+    for row, name, coulomb in ((shoulder, "shoulder", COULOMB[0]), (elbow, "elbow", COULOMB[1])):
+        assert row.startswith(name)
+        assert row.endswith("not estimated")
+        assert float(re.findall(r"(\S+) \+- ", row)[1]) == pytest.approx(coulomb, rel=0.01)
+    unseen = ea.LeastSquares(beta=1e-3, f0=1e-7).init(len(reg))
+    assert str(found(reg, unseen)).count("not known") == 4
 
 
 def test_what_was_not_excited_is_unknown():

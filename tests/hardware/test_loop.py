@@ -171,6 +171,26 @@ def test_a_robot_that_has_stopped_need_not_answer(answer):
     assert (result.ended, result.unstopped) == ("duration", "")
 
 
+def test_a_sample_of_before_the_stop_says_nothing_of_after_it():
+    """An interface that gives the last sample again, in the midst of the move, is not taken for an arm that
+    moves on."""
+    _, controller, plant, goal = made()
+
+    class Stale(Simulated):
+        def read(self):
+            if "stop" not in self.calls:
+                self.last = super().read()
+            return self.last
+
+        def stop(self):
+            self._note("stop")
+
+    interface = Stale(plant)
+    result = ea.run_loop(controller, interface, goal, 0.3, DT)
+    assert np.abs(interface.last.v).max() > 0.1, "it moved"
+    assert result.unstopped == ""
+
+
 def test_a_gate_that_asks_for_brakes_ends_the_loop_in_that_tick():
     """Sensors that fail for good: all samples until then are kept, bad ones as nan; stop follows at once."""
     _, controller, plant, goal = made()
@@ -222,7 +242,7 @@ def test_a_goal_may_be_a_reference_that_moves():
     np.testing.assert_array_equal(record.goal[-1], course(record.t[-1]).q)
     assert np.array_equal(result.state.gate.goal.v, moved)
     broken = ea.Reference(goal, "fast", still)
-    result = ea.run_loop(controller, Simulated(plant), broken, 0.2, DT, after_fault=0.05)
+    result = ea.run_loop(controller, Simulated(plant), lambda t: broken, 0.2, DT, after_fault=0.05)
     assert result.fault.name == "goal"
     assert np.isnan(result.record.goal_velocity).all()
     assert np.isfinite(result.record.tau).all()
@@ -255,6 +275,57 @@ def test_a_state_with_a_fault_is_refused_until_reset():
         ea.run_loop(controller, Simulated(plant), goal, 0.1, DT, state=state)
     result = ea.run_loop(controller, Simulated(plant), goal, 0.1, DT, state=controller.reset(state))
     assert result.fault is None
+
+
+@pytest.mark.parametrize("missing", ["start", "read", "write", "stop"])
+def test_an_interface_that_lacks_a_method_is_refused_before_anything_starts(missing):
+    """Above all one without stop, which would be missed when the arm moves."""
+    _, controller, plant, goal = made()
+    interface = Simulated(plant)
+    setattr(interface, missing, None)
+    with pytest.raises(ArgumentError, match=rf"interface: expected .* Simulated lacks {missing}$"):
+        ea.run_loop(controller, interface, goal, 0.1, DT)
+    assert interface.calls == []
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        (None, r"goal: expected shape \(2,\), got \(\)"),
+        ([0.1, 0.2, 0.3], r"goal: expected shape \(2,\), got \(3,\)"),
+        ([0.1, np.nan], "goal: expected finite numbers"),
+        ("home", "goal: expected 2 numbers, got 'home'"),
+        (ea.Reference(np.zeros(2), np.zeros(3), np.zeros(2)), r"goal.v: expected shape \(2,\)"),
+    ],
+)
+def test_a_fixed_goal_that_is_none_is_refused_before_the_robot_starts(goal, said):
+    """With what was given, and what a goal may be."""
+    _, controller, plant, _ = made()
+    interface = Simulated(plant)
+    with pytest.raises(ArgumentError, match=rf"{said}.*; expected q_d \(2,\), a Reference, or a callable"):
+        ea.run_loop(controller, interface, goal, 0.1, DT)
+    assert interface.calls == []
+
+
+def test_a_record_that_memory_does_not_hold_is_refused_before_the_robot_starts():
+    """With what it would take, and what there is."""
+    _, controller, plant, goal = made()
+    interface = Simulated(plant)
+    with pytest.raises(ArgumentError, match=r"of 2e\+11 samples takes .* GB of memory, this computer has"):
+        ea.run_loop(controller, interface, goal, 1e9, DT)
+    with pytest.raises(ArgumentError, match="duration: expected a finite number"):
+        ea.run_loop(controller, interface, goal, 1e308, DT)
+    assert interface.calls == []
+
+
+def test_a_goal_that_is_shaped_inside_a_gate_is_not_shaped_again():
+    """The state is that of the controller given, whose innermost holds the reference."""
+    robot, controller, plant, goal = made()
+    inside = ea.GatedController.for_robot(ea.Shaped(controller.controller), DT)
+    result = ea.run_loop(inside, Simulated(plant), goal, 0.1, DT)
+    assert isinstance(result.state.inner.reference, ea.Reference)
+    with pytest.raises(ArgumentError, match="controller: expected a controller, got Robot"):
+        ea.run_loop(robot, Simulated(plant), goal, 0.1, DT)
 
 
 def test_garbage_collection_is_as_before():

@@ -7,6 +7,7 @@ from shared import ROBOTS, load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.motion.reach import _longest
 from eladapt.robot.reading import frame_index
 
 SPATIAL = [name for name in ROBOTS if load(name).nv >= 6 and name != "talos"]
@@ -90,18 +91,38 @@ def test_the_tool_arrives_with_a_load_that_nobody_told(seed):
 @pytest.mark.parametrize(
     ("pose", "said"),
     [
-        ([9.0, 0, 0], "nearest leaves the frame .* mm"),
-        ([0.5, 0], r"pose: expected shape \(3,\)"),
+        ([1.3, 0, 0.3], "nearest leaves the frame .* mm"),
+        ([400.0, 0, 300], r"500 m from the base, panda_hand_tcp reaches 1\.\d+ m at most; is it in metres"),
+        ([0.5, 0], r"expected pin.SE3, \(4, 4\) .* or \(3,\) .*; got shape \(2,\)"),
+        ("up", r"expected pin.SE3, .*; got 'up'"),
+        ([[1.0], [2.0, 3.0]], r"expected pin.SE3, .*; got \[\[1"),
         ([np.nan, 0, 0], "pose: expected finite"),
-        (2 * np.eye(4), "pose: expected a rotation"),
-        (np.diag([1.0, 1, -1, 1]), "pose: expected a rotation"),
-        (np.ones((2, 8)), r"got \(2, 8\)"),
+        (2 * np.eye(4), "pose: expected .* a rotation"),
+        (np.diag([1.0, 1, -1, 1]), "pose: expected .* a rotation"),
+        (np.ones((2, 8)), r"got shape \(2, 8\)"),
     ],
 )
 def test_what_is_no_pose_or_out_of_reach_is_told(pose, said):
     robot = load("panda")
     with pytest.raises(ArgumentError, match=said):
         ea.reach(robot, robot.configuration(robot.home), pose)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_no_posture_takes_the_tool_further_than_it_is_said_to_reach(name):
+    """So that no pose is refused that is none too far."""
+    robot = load(name)
+    frame = robot.model.frames[frame_index(robot.model, robot.tool)]
+    furthest = max(np.linalg.norm(tool_pose(robot, held(robot, seed)).translation) for seed in range(100))
+    assert 0.5 * _longest(robot, frame) < furthest < _longest(robot, frame)
+
+
+def test_the_search_says_nothing_beside(caplog):
+    """Pink warns on the root logger, step by step, of a joint that rounding takes beyond its limits."""
+    robot = load("talos_left_arm")
+    with pytest.raises(ArgumentError, match="nearest"):
+        ea.reach(robot, robot.configuration(robot.home), [-0.613, -0.304, 0.146])
+    assert caplog.records == []
 
 
 def test_a_frame_that_is_none_is_told():

@@ -1,13 +1,14 @@
 """Whatever a goal does, the reference that a controller is given keeps to the limits."""
 
 import itertools
+import warnings
 
 import numpy as np
 import pytest
 from shared import DT, load
 
 import eladapt as ea
-from eladapt.errors import ArgumentError
+from eladapt.errors import ArgumentError, GoalWarning
 from eladapt.motion.shaped import INSIDE
 
 
@@ -69,6 +70,43 @@ def test_a_goal_beyond_the_joint_limits_is_taken_just_inside():
     assert keeps(shaped, q, v, a)
     assert robot.coordinates(q[-1])[3] == pytest.approx(robot.upper[3] - INSIDE, abs=1e-9)
     assert np.all(np.array([robot.coordinates(one) for one in q]) <= robot.upper + 1e-9)
+
+
+def warned(shaped: ea.Shaped, goals) -> list[str]:
+    """What is said of goals, one a step, of an arm that stays at home."""
+    robot, still = shaped.robot, np.zeros(shaped.robot.nv)
+    q = robot.configuration(robot.home)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        state = shaped.init(ea.Measurement(0.0, q, still, still))
+        for k, goal in enumerate(goals):
+            state, _ = shaped.step(state, ea.Measurement(k * DT, q, still, still), goal, DT)
+    return [str(one.message) for one in caught if issubclass(one.category, GoalWarning)]
+
+
+def test_all_joints_beyond_their_range_are_named_once_and_degrees_are_asked_for():
+    """A goal in degrees names every joint that is beyond, with value and range; one that wanders on outside
+    is said once, and again when it has been inside in between."""
+    robot, shaped = made("ur5")
+    inside, x = robot.configuration(robot.home), np.rad2deg(robot.home + 0.3)
+    beyond = np.flatnonzero((x < robot.lower) | (x > robot.upper))
+    assert len(beyond) > 1
+    (said,) = warned(shaped, [inside, *(robot.configuration(x + 0.01 * k) for k in range(5))])
+    for k, name in enumerate(robot.joint_names):
+        assert (f"{name} at {x[k]:.4g} ({robot.lower[k]:.4g} to" in said) == (k in beyond)
+    assert "are these degrees?" in said
+    assert len(warned(shaped, [inside, robot.configuration(x), inside, robot.configuration(x)])) == 2
+
+
+@pytest.mark.parametrize(("off", "asked"), [(0.1, False), (7.0, True), (1e4, False)])
+def test_degrees_are_asked_for_only_where_they_explain_the_goal(off, asked):
+    """A bit too far is a bit too far; more than a turn too far may be degrees; 10,000 is no angle at all."""
+    robot, shaped = made("panda")
+    x = robot.home.copy()
+    x[0] = robot.upper[0] + off
+    (said,) = warned(shaped, [robot.configuration(robot.home), robot.configuration(x)])
+    assert f"{robot.joint_names[0]} at {x[0]:.4g} is beyond its limits" in said
+    assert ("degrees" in said) == asked
 
 
 def test_a_goal_that_moves_within_the_limits_is_followed_to_the_letter():
@@ -152,7 +190,15 @@ def test_a_fault_holds_the_reference_where_the_arm_is():
     assert np.abs(robot.difference(state.reference.q, measurement.q)).max() < 1e-3
 
 
-def test_limits_of_another_robot_are_refused():
+def test_what_cannot_be_shaped_and_limits_of_another_robot_are_refused():
+    with pytest.raises(ArgumentError, match=r"limits: expected MotionLimits.*, got 3"):
+        ea.Shaped(ea.CompositeController.for_robot(load("ur5"), DT), limits=3)
+    with pytest.raises(ArgumentError, match=r"controller: .* CompositeController\.for_robot"):
+        ea.Shaped(load("ur5"))
+    shaped = ea.Shaped(ea.CompositeController.for_robot(load("two_link"), DT))
+    for around in (shaped, ea.GatedController.for_robot(shaped, DT)):
+        with pytest.raises(ArgumentError, match="expected one without Shaped in it"):
+            ea.Shaped(around)
     with pytest.raises(ArgumentError, match="limits: expected those of the joints"):
         ea.Shaped(ea.CompositeController.for_robot(load("ur5")), ea.MotionLimits.for_robot(load("panda")))
 

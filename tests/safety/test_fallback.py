@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from shared import load
 
 import eladapt as ea
+from eladapt.robot.joint_limits import speed
 from eladapt.simulation.disturbances import Brakes
 
 DT = 1e-3
@@ -84,8 +85,7 @@ def cases(draw, robot):
         draw(signs) * draw(gains(n, 0.3, 3)), draw(signs) * draw(gains(n, 0, 3)),
         draw(signs) * draw(gains(n, 0, 3)), draw(gains(n, -0.5, 0.5)), draw(st.sampled_from(DELAYS)),
     )  # fmt: skip
-    fastest = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 2.0)
-    return broken, draw(gains(n, -0.9, 0.9)) * fastest
+    return broken, draw(gains(n, -0.9, 0.9)) * speed(robot.velocity_limit)
 
 
 @pytest.mark.parametrize("name", ["two_link", "panda"])
@@ -114,3 +114,31 @@ def test_a_healthy_arm_is_brought_to_rest_without_brakes(name):
     assert not braked
     # The step that the first torque takes to arrive: what gravity does to an arm that had been held.
     assert gained < 1e-2 * robot.kinetic_energy(robot.configuration(robot.home), 0.5 * robot.velocity_limit)
+
+
+def samples_until_brakes(v: np.ndarray, free: tuple[int, ...] = ()) -> int | None:
+    """How many samples at a velocity (nv,) [rad/s] a two-link arm is held whose shoulder's gravity takes all
+    of its effort, but in the samples that are ``free`` of it; None if it is held throughout."""
+    robot = load("two_link")
+    fallback, q = gated(robot).gate.fallback, robot.configuration(robot.home)
+    weight = fallback.effort * np.array([1.0, 0.0])
+    hold = fallback.begin(q, v, weight, np.zeros(2), believed=False)
+    sent = weight
+    for k in range(round(5 * fallback.bridging / DT)):
+        hold, sent = fallback.held(hold, q, v, 0 * weight if k in free else weight, sent, DT)
+        if hold.braking is not None:
+            assert hold.reason == "gravity leaves the efforts nothing to brake with"
+            return k + 1
+    return None
+
+
+def test_an_arm_that_gravity_leaves_nothing_to_brake_with_asks_for_its_brakes():
+    """A shoulder that falls, with all its effort against gravity, after one bridging time in a row; not one
+    that rises, which gravity itself brakes, nor one at rest."""
+    bridging = round(gated(load("two_link")).gate.fallback.bridging / DT)
+    falls = np.array([-0.5, 0.0])
+    # the sum of so many steps is the bridging time, or just beyond it
+    assert samples_until_brakes(falls) in (bridging, bridging + 1)
+    assert samples_until_brakes(falls, free=(bridging - 2,)) in (2 * bridging - 1, 2 * bridging)
+    assert samples_until_brakes(-falls) is None
+    assert samples_until_brakes(0 * falls) is None

@@ -1,6 +1,7 @@
 """Behind the gate, whatever is measured or computed, the torque is finite and within its limits."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -189,6 +190,47 @@ def test_a_fault_stays_until_reset_and_the_first_one_counts():
     assert not afresh.inner.information.triangle[:, -1].any()
 
 
+@pytest.mark.parametrize("back", [0.1, 100.0])
+def test_a_reset_goes_on_after_the_robots_clock_was_set_back(back):
+    """No later sample is old, the gate's own clock never goes back, and the arm arrives."""
+    controller = gated("two_link")
+    plant, measurement, state, goal = started(controller)
+    state, measurement, _ = run(controller, plant, state, measurement, goal, 300)
+    state, _ = controller.step(state, measurement, np.full(2, np.nan), DT)
+    state, measurement, _ = run(controller, plant, state, measurement, goal, 200)
+    plant.t -= back
+    measurement = measurement._replace(t=measurement.t - back)
+    before, state = state.measurement.t, controller.reset(state, measurement)
+    assert state.fault is None
+    assert state.measurement.t > before
+    state, measurement, _ = run(controller, plant, state, measurement, goal, 2500)
+    assert state.fault is None
+    assert np.abs(measurement.q - goal).max() < 1e-3
+
+
+def test_what_acts_from_outside_is_seen_through_whatever_stands_around():
+    """A shaped, gated controller's state says what the innermost one's does, and lacks what that lacks."""
+    robot = load("panda")
+    bare = ea.CompositeController.for_robot(robot, DT)
+    for inner, told in ((bare, True), (KnownGravityPD(robot, bare.control), False)):
+        controller = ea.Shaped(ea.GatedController.for_robot(inner, DT))
+        plant, measurement, state, goal = started(controller)
+        state, *_ = run(controller, plant, state, measurement, goal, 50)
+        assert hasattr(state, "external") == told
+        if told:
+            assert state.external.any()
+            assert state.external is state.inner.inner.external
+
+
+def test_a_limit_on_contact_asks_for_a_controller_that_feels():
+    """One that says nothing of what acts from outside would never be stopped by it."""
+    robot = load("ur5")
+    blind = KnownGravityPD(robot, ea.CompositeController.for_robot(robot).control)
+    controller = ea.GatedController.for_robot(blind, DT, contact=3.0)
+    with pytest.raises(ArgumentError, match=r"contact: expected a controller whose state .*KnownGravityPD"):
+        started(controller)
+
+
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
 def test_the_fallback_stops_a_moving_arm_that_has_learned_nothing(name):
     """A fault 50 ms after the start, gravity unknown: the arm comes to rest within its range."""
@@ -285,6 +327,13 @@ def test_what_does_not_fit_is_refused():
     for name in ("least", "against", "silent", "rotor", "contradiction", "still"):
         with pytest.raises(ArgumentError, match=name):
             dataclasses.replace(gate.belief, **{name: -1.0})
+    for name, value in (("contact", "a lot"), ("torque_rate", [1.0]), ("lower", "low"), ("max_age", "old")):
+        with pytest.raises(ArgumentError, match=f"{name}: expected .*, got {re.escape(repr(value))}"):
+            ea.TorqueGate.for_robot(robot, **{name: value})
+    with pytest.raises(ArgumentError, match=r"controller: .* CompositeController\.for_robot"):
+        ea.GatedController.for_robot(robot)
+    with pytest.raises(ArgumentError, match=r"controller: .* int lacks robot, init, step"):
+        ea.GatedController.for_robot(3)
     with pytest.raises(ArgumentError, match="lower < upper"):
         dataclasses.replace(gate, lower=1.0, upper=0.0)
     with pytest.raises(ArgumentError, match="controller's joints"):

@@ -9,6 +9,7 @@ from shared import DT, load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, UnknownNameError
+from eladapt.robot.reading import frame_index
 from eladapt.simulation.faults import FrozenSensor, LostNumbers, Misdriven, Misread, Push
 
 STEPS, BEGIN, END = 8, 3, 6  # samples: the fault is in those from BEGIN to END - 1
@@ -103,7 +104,7 @@ def test_a_push_is_a_force_in_world_axes(engine):
         moved.append(plant.v)
     model, data = robot.model, robot.model.createData()
     q = robot.configuration(robot.home)
-    frame = model.getFrameId("wrist_2_link", pin.BODY)
+    frame = frame_index(model, "wrist_2_link")
     jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
     gained = robot.mass_matrix(q) @ (moved[0] - moved[1])
     expected = DT * jacobian.T @ force

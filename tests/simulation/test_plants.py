@@ -6,6 +6,7 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, SimulationError, UnknownNameError
+from eladapt.robot.reading import frame_index
 from eladapt.simulation.instruments import Delay
 from eladapt.simulation.plants import _active_set, _projected_sweeps
 
@@ -96,7 +97,7 @@ def test_a_load_weighs_at_its_place():
     com = np.array([0.05, -0.02, 0.1])
     loaded = ea.Payload(2.0, tuple(com)).loaded(robot)
     data = robot.model.createData()
-    frame = robot.model.getFrameId(robot.tool)
+    frame = frame_index(robot.model, robot.tool)
     pin.computeJointJacobians(robot.model, data, q)
     pin.updateFramePlacements(robot.model, data)
     jacobian = pin.getFrameJacobian(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED)
