@@ -32,15 +32,7 @@ def identify(options: argparse.Namespace) -> None:
         say(f"- {note}")
     found = identified(robot, log, held_out=options.held_out, progress=sys.stderr.isatty())
     say_table(str(found))
-    wide = max(5, *map(len, robot.joint_names))
-    say("")
-    say(f"{'joint':{wide}} {'viscous':>20} {'Coulomb':>20} {'offset':>20}")
-    friction = found.friction
-    for k, name in enumerate(robot.joint_names):
-        values = (friction.viscous[k], friction.coulomb[k], friction.offset[k])
-        cells = (f"{v:.4g} +- {s:.2g}" for v, s in zip(values, friction.std[:, k], strict=True))
-        say(f"{name:{wide}} " + " ".join(f"{cell:>20}" for cell in cells))
-    say("N m s/rad, N m, N m (N s/m, N, N of sliding joints)")
+    say_table(f"\n{found.friction}")
     for said in found.merged:
         say(f"- {said}")
     if options.out is not None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from eladapt.errors import ArgumentError
 from eladapt.estimation.extensions import Information, covariance
+from eladapt.regressors.joint_terms import FRICTION_TERMS
 from eladapt.regressors.regressors import Regressors
 
 DOUBT = 0.1  # a parameter is known when its standard deviation is below this part of the largest of its kind
@@ -82,14 +83,25 @@ def estimate_friction(
         )
     diagonal = np.diag(covariance(information))
     noise = alpha * correlation * (information.variance if information.weight else 0.0)
-    values, std, known = (np.full((3, regressors.robot.nv), np.nan) for _ in range(3))
-    for k, name in enumerate(("viscous", "coulomb", "offset")):
+    return friction_of(regressors, theta, np.sqrt(noise * diagonal), information.prior * diagonal)
+
+
+def friction_of(
+    regressors: Regressors, theta: np.ndarray, std: np.ndarray, doubt: np.ndarray | None = None
+) -> FrictionEstimate:
+    """theta_F in physical units, of theta (l,) and its standard deviations (l,).
+
+    doubt (l,): the part of a parameter about which nothing is known; it counts with the largest of its kind.
+    """
+    values, deviations, known = (np.full((3, regressors.robot.nv), np.nan) for _ in range(3))
+    for k, name in enumerate(FRICTION_TERMS):
         block = regressors.block(name)
         if block.stop > block.start:
             scale = regressors.scale[block]
             values[k] = theta[block] / scale
             largest = max(LEAST_SIZE, float(np.abs(values[k]).max()))
-            unknown = information.prior * diagonal[block] * largest
-            std[k] = np.hypot(np.sqrt(noise * diagonal[block]) / scale, unknown)
-            known[k] = std[k] < DOUBT * largest
-    return FrictionEstimate(values[0], values[1], values[2], std, known == 1, regressors.robot.joint_names)
+            unknown = 0.0 if doubt is None else doubt[block] * largest
+            deviations[k] = np.hypot(std[block] / scale, unknown)
+            known[k] = deviations[k] < DOUBT * largest
+    names = regressors.robot.joint_names
+    return FrictionEstimate(values[0], values[1], values[2], deviations, known == 1, names)

@@ -13,13 +13,12 @@ import scipy.linalg
 
 from eladapt.errors import ArgumentError, EladaptError, printable
 from eladapt.estimation.extensions import Information
-from eladapt.estimation.friction import DOUBT, LEAST_SIZE, FrictionEstimate
+from eladapt.estimation.friction import FrictionEstimate, friction_of
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.files import atomic_write
 from eladapt.identification.fitting import Fit
 from eladapt.identification.prediction import Errors, Torques
 from eladapt.identification.rows import Column
-from eladapt.regressors.joint_terms import FRICTION_TERMS
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.urdf.checks import edited_urdf
@@ -70,14 +69,7 @@ class Identified:
     @functools.cached_property
     def friction(self) -> FrictionEstimate:
         """Viscous and Coulomb friction and offset of every joint, in physical units."""
-        values, std, known = (np.full((3, self.original.nv), np.nan) for _ in range(3))
-        for k, name in enumerate(FRICTION_TERMS):
-            block = self.regressors.block(name)
-            if block.stop > block.start:
-                scale = self.regressors.scale[block]
-                values[k], std[k] = self.theta[block] / scale, self.std[block] / scale
-                known[k] = std[k] < DOUBT * max(LEAST_SIZE, float(np.abs(values[k]).max()))
-        return FrictionEstimate(values[0], values[1], values[2], std, known == 1)
+        return friction_of(self.regressors, self.theta, self.std)
 
     @functools.cached_property
     def robot(self) -> Robot:
