@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from eladapt.display.motions import plot_log, plot_motion
     from eladapt.display.plots import plot
     from eladapt.display.report import report
+    from eladapt.identification.online import Physical, PhysicalState
     from eladapt.motion.reach import reach
     from eladapt.simulation.mujoco_plant import MujocoPlant
     from eladapt.viewing.live import LiveView
@@ -92,6 +93,8 @@ __all__ = [
     "ParameterBasis",
     "Payload",
     "PayloadEstimate",
+    "Physical",
+    "PhysicalState",
     "PinocchioPlant",
     "PowerBalance",
     "Record",
@@ -143,6 +146,8 @@ __all__ = [
 _LATER = {
     "LiveView": "eladapt.viewing.live",
     "MujocoPlant": "eladapt.simulation.mujoco_plant",
+    "Physical": "eladapt.identification.online",
+    "PhysicalState": "eladapt.identification.online",
     "plot": "eladapt.display.plots",
     "plot_log": "eladapt.display.motions",
     "plot_motion": "eladapt.display.motions",

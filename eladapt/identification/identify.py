@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from eladapt.control.reports import SEEN
 from eladapt.errors import ArgumentError, LogWarning, require_number
-from eladapt.estimation.extensions import Information
-from eladapt.identification.fitting import LEAST_NOISE, Fit, directions, fit
+from eladapt.identification.fitting import Fit, directions, fit
 from eladapt.identification.found import Identified
+from eladapt.identification.learned import learned
 from eladapt.identification.log import Log
 from eladapt.identification.log_check import remarks
 from eladapt.identification.prediction import errors_of, torques_of
@@ -24,7 +23,6 @@ from eladapt.robot.model import Robot
 
 WINDOW = 0.1  # [s] of one average
 STICTION_SPEED = 0.01  # [rad/s]
-CORRELATION = 0.1  # [s] of what disturbs a controller's filtered rows: 2 / pole
 
 
 def identify(
@@ -62,7 +60,7 @@ def identify(
     if not isinstance(log, Log):
         if own:
             raise ArgumentError("columns: a controller's state knows nothing of them; leave them out")
-        found = _learned(regressors, log)
+        found = learned(regressors, log)
         return _identified(robot, regressors, found, labels, own, physical)
     log = log.of(robot)
     if not np.any(log.tau):
@@ -96,35 +94,10 @@ def _identified(
 ) -> Identified:  # fmt: skip
     parameters, theta = None, None
     if physical:
-        from eladapt.identification.physical import physical_parameters
+        from eladapt.identification.physical import PhysicalBodies
 
-        parameters, theta = physical_parameters(regressors, found.theta, found.triangle, len(own))
+        parameters, theta = PhysicalBodies(regressors, len(own)).nearest(found.theta, found.triangle)
     return Identified(
         robot, regressors, found, labels, directions(found.untold, (*regressors.names, *own)), physical=theta,
         parameters=parameters, columns=dict(own),
-    )  # fmt: skip
-
-
-def _learned(regressors: Regressors, state: Any) -> Fit:
-    """What a controller's state knows: its parameters, and the information that they rest on."""
-    information = getattr(state, "information", None)
-    size = len(regressors)
-    if not isinstance(information, Information) or np.shape(state.parameters) != (size,):
-        raise ArgumentError(
-            f"log: expected a Log, or the state of a CompositeController of {regressors.robot.name} that "
-            f"learns {size} parameters, got {type(state).__name__}"
-        )
-    triangle, prior = information.triangle[:size, :size], information.prior
-    values, vectors = np.linalg.eigh(triangle.T @ triangle - prior * np.eye(size))
-    told = values > SEEN * prior
-    variance = 1.0
-    if information.weight > 0:
-        typical = float(np.sum(information.triangle[:, -1] ** 2)) / information.weight  # of a row, squared
-        variance = max(CORRELATION * information.variance, LEAST_NOISE**2 * typical)
-    along = vectors[:, told].T
-    root = np.zeros((size, size))
-    root[: len(along)] = np.sqrt(values[told] / variance)[:, None] * along
-    return Fit(
-        information.completed(state.parameters), (along.T * (variance / values[told])) @ along,
-        np.full(regressors.robot.nv, np.sqrt(variance)), root, vectors[:, ~told].T,
     )  # fmt: skip

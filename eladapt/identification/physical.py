@@ -7,8 +7,6 @@ the nearest to the URDF's are taken that fit as well: the solution of a conic pr
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -38,49 +36,84 @@ LIGHTEST = 1e-9  # [kg] of a body that can be measured by
 THIN = 1e-2  # of a body's size: how thin the URDF's may be, as a measure of what is near
 
 
-def physical_parameters(
-    regressors: Regressors, theta: np.ndarray, triangle: np.ndarray, own: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
-    """(standard parameters (s,), theta (l,) of them): physical, near the URDF's, and fitting as well.
+class PhysicalBodies:
+    """The parameters that an arm can have, and the nearest of them to what data say.
 
-    Minimises |T (theta(x) - theta)|^2 + |J0^-1/2 (J(x) - J0) J0^-1/2|_F^2 / PRIOR^2 over all bodies, J being
-    their pseudo-inertias (4, 4) and J0 the URDF's: the second term is, to second order, the distance of Lee,
-    Wensing and Park (Geometric robot dynamic identification, 2020). J(x) >= LEAST J0; rotors, viscous and
-    Coulomb friction are not negative.
+    Of standard parameters x that are physical, those that minimise |T (theta(x) - theta)|^2 + |J0^-1/2 (J(x)
+    - J0) J0^-1/2|_F^2 / PRIOR^2 over all bodies, J being their pseudo-inertias (4, 4) and J0 the URDF's: the
+    second term is, to second order, the distance of Lee, Wensing and Park (Geometric robot dynamic
+    identification, 2020). J(x) >= LEAST J0; rotors, viscous and Coulomb friction are not negative.
 
-    triangle (l, l): T of a `Fit`. own: how many parameters behind theta's are free. Raises EladaptError where
-    the solver finds none.
+    own: how many parameters behind theta's are free. It can be sent to another process.
     """
-    nominal = regressors.robot_parameters
-    to_theta = _theta_of(regressors, own)
-    rest = slice(len(nominal), to_theta.shape[1])  # friction, offsets and one's own
-    start = np.zeros(to_theta.shape[1])
-    start[: len(nominal)] = nominal
-    friction = slice(rest.start, rest.start + regressors.n_friction)
-    start[friction] = (regressors.theta / regressors.scale)[regressors.friction]
-    unit = np.ones(len(start))  # of a change that is a large one
-    rotors = slice(10 * regressors.robot.nv, len(nominal))
-    unit[rotors], unit[rest] = _rotor_units(regressors), LARGE
-    near = np.diag(1 / unit)
-    blocks, cones = [], []
-    for k in range(regressors.robot.nv):
-        body = slice(10 * k, 10 * k + 10)
-        thick, measure = _measure(nominal[body])
-        near[body, body] = measure
-        columns = np.zeros((10, len(start)))
-        columns[:, body] = measure
-        blocks.append((-columns, -LEAST * measure @ thick))
-        cones.append(clarabel.PSDTriangleConeT(4))
-    positive = np.r_[rotors]
-    for name in ("viscous", "coulomb"):
-        positive = np.append(positive, rest.start - regressors.n_inertial + np.r_[regressors.block(name)])
-    blocks.append((-np.eye(len(start))[positive], np.zeros(len(positive))))
-    cones.append(clarabel.NonnegativeConeT(len(positive)))
 
-    rows = np.vstack([triangle @ to_theta, near / PRIOR])
-    x = _solved(rows, np.concatenate([triangle @ theta, near @ start / PRIOR]), blocks, cones)
-    x[positive] = np.where(x[positive] > NOTHING, x[positive], 0)
-    return x[: len(nominal)], to_theta @ x
+    def __init__(self, regressors: Regressors, own: int = 0):
+        nominal, bodies = regressors.robot_parameters, regressors.robot.nv
+        self._standard = len(nominal)
+        self._to_theta = _theta_of(regressors, own)
+        rest = slice(len(nominal), self._to_theta.shape[1])  # friction, offsets and one's own
+        start = np.zeros(rest.stop)
+        start[: len(nominal)] = nominal
+        friction = slice(rest.start, rest.start + regressors.n_friction)
+        start[friction] = (regressors.theta / regressors.scale)[regressors.friction]
+        unit = np.ones(len(start))  # of a change that is a large one
+        rotors = slice(10 * bodies, len(nominal))
+        unit[rotors], unit[rest] = _rotor_units(regressors), LARGE
+        near, cones, bounds = np.diag(1 / unit), [], []
+        for k in range(bodies):
+            body = slice(10 * k, 10 * k + 10)
+            thick, measure = _measure(nominal[body])
+            near[body, body] = measure
+            cone = np.zeros((10, len(start)))
+            cone[:, body] = -measure
+            cones.append(cone)
+            bounds.append(-LEAST * measure @ thick)
+        self._positive = np.r_[rotors]
+        for name in ("viscous", "coulomb"):
+            block = np.r_[regressors.block(name)]
+            self._positive = np.append(self._positive, rest.start - regressors.n_inertial + block)
+        self._cones = np.vstack([*cones, -np.eye(len(start))[self._positive]])
+        self._bounds = np.concatenate([*bounds, np.zeros(len(self._positive))])
+        self._bodies = bodies
+        self._near, self._wanted = near / PRIOR, near @ start / PRIOR
+
+    def nearest(self, theta: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(standard parameters (s,), theta (l,) of them).
+
+        theta (l,) as data tell it, triangle (l, l): T with T'T the inverse of its covariance. Raises
+        EladaptError where the solver finds none.
+        """
+        rows = np.vstack([triangle @ self._to_theta, self._near])
+        x = self._solved(rows, np.concatenate([triangle @ theta, self._wanted]))
+        x[self._positive] = np.where(x[self._positive] > NOTHING, x[self._positive], 0)
+        return x[: self._standard], self._to_theta @ x
+
+    def _solved(self, rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """x in the cones that minimises |rows x - wanted|.
+
+        In y = R (x - x0), rows = Q R and x0 without cones: the least |y|, whatever the sizes in ``rows`` are.
+        """
+        unit = 1 / np.linalg.norm(rows, axis=0)
+        triangle = scipy.linalg.qr(np.column_stack([rows * unit, wanted]), mode="r")[0]
+        size = rows.shape[1]
+        root, free = triangle[:size, :size], triangle[:size, size]
+        loosest = scipy.linalg.solve_triangular(root, free)
+        constraints = self._cones * unit
+        turned = scipy.linalg.solve_triangular(root, constraints.T, trans="T").T
+        settings = clarabel.DefaultSettings()
+        settings.verbose, settings.max_iter = False, 500
+        cones = [clarabel.PSDTriangleConeT(4)] * self._bodies + [
+            clarabel.NonnegativeConeT(len(self._positive))
+        ]
+        solver = clarabel.DefaultSolver(
+            scipy.sparse.eye(size, format="csc"), np.zeros(size), scipy.sparse.csc_matrix(turned),
+            self._bounds - constraints @ loosest, cones, settings,
+        )  # fmt: skip
+        found = solver.solve()
+        if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+            raise EladaptError(f"no physical parameters found: the solver says {found.status}")
+        step = scipy.linalg.solve_triangular(root, np.array(found.x))
+        return np.asarray((loosest + step) * unit)
 
 
 def _theta_of(regressors: Regressors, own: int) -> np.ndarray:
@@ -99,34 +132,6 @@ def _rotor_units(regressors: Regressors) -> np.ndarray:
     robot = regressors.robot
     typical = effort(robot, extremes(robot)) / ASSUMED_ROTOR_ACCELERATION
     return np.maximum(typical, robot.armature)[regressors.rotor_joints]
-
-
-def _solved(
-    rows: np.ndarray, wanted: np.ndarray, blocks: Sequence[tuple[np.ndarray, np.ndarray]], cones: list[Any]
-) -> np.ndarray:
-    """x that minimises |rows x - wanted| with b - A x in the cones, for (A, b) in blocks.
-
-    In y = R (x - x0), rows = Q R and x0 without cones: the least |y|, whatever the sizes in ``rows`` are.
-    """
-    unit = 1 / np.linalg.norm(rows, axis=0)
-    triangle = scipy.linalg.qr(np.column_stack([rows * unit, wanted]), mode="r")[0]
-    size = rows.shape[1]
-    root, free = triangle[:size, :size], triangle[:size, size]
-    loosest = scipy.linalg.solve_triangular(root, free)
-    constraints = np.vstack([a * unit for a, _ in blocks])
-    bounds = np.concatenate([b for _, b in blocks]) - constraints @ loosest
-    turned = scipy.linalg.solve_triangular(root, constraints.T, trans="T").T
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_iter = False, 500
-    solver = clarabel.DefaultSolver(
-        scipy.sparse.eye(size, format="csc"), np.zeros(size), scipy.sparse.csc_matrix(turned), bounds, cones,
-        settings,
-    )  # fmt: skip
-    found = solver.solve()
-    if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
-        raise EladaptError(f"no physical parameters found: the solver says {found.status}")
-    step = scipy.linalg.solve_triangular(root, np.array(found.x))
-    return np.asarray((loosest + step) * unit)
 
 
 def _measure(nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
