@@ -38,7 +38,10 @@ FLAGS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "-
 # When the motion looks best [s], and which file shows it where that has another name.
 MOMENT = {"panda": 0.45, "panda_payload": 5.5, "two_link": 0.5, "ur5_waypoints": 2.25,
           "kinova_continuous": 0.4, "talos_armature": 0.4, "own_urdf": 0.1, "own_law": 0.5}  # fmt: skip
-PLOTS = {"paper": "paper_case1_motion.png", "hardware_loop": "hardware_loop.png"}  # no animation
+PLOTS = {
+    "paper": "paper_case1_motion.png", "hardware_loop": "hardware_loop.png",
+    "identify_panda": "identify_panda.png", "identify_log": "identify_log_motion.png",
+}  # no animation  # fmt: skip
 SHOWS = {"own_urdf": "own_two_link"}
 ARGUMENTS = {"own_urdf": [str(DOCS.parent / "robots" / "two_link.urdf")]}
 
