@@ -32,6 +32,11 @@ PATIENCE = 4.5  # [s] until what does not answer is said so
 MOST_PER_CYCLE = 0.99  # [N m] of the 1 N m by which the robot lets a torque change from cycle to cycle
 CONTACT_TORQUE, COLLISION_TORQUE = 40.0, 80.0  # [N m] from outside, reported and stopped at
 CONTACT_FORCE, COLLISION_FORCE = 60.0, 120.0  # [N, N m] at the tool
+RAISED = tuple(
+    kind
+    for kind in vars(pylibfranka).values()
+    if isinstance(kind, type) and issubclass(kind, Exception)  # they have no base of their own
+)
 ERRORS = tuple(name for name in dir(pylibfranka.Errors) if not name.startswith("_"))
 
 
@@ -104,6 +109,17 @@ class FrankaRobot:
             if self._gravity is None:
                 self._model = self._franka.load_model()
 
+    def posture(self) -> np.ndarray:
+        """(7,) [rad] where the arm is, before it starts."""
+        self.connect()
+        with _named("the robot does not say where it is"):
+            return np.array(self._franka.read_once().q)
+
+    def gravity_of(self, q: np.ndarray) -> np.ndarray:
+        """(7,) [N m] what the firmware adds at q, where ``gravity`` was given; 0 where the maker's model is
+        asked in the loop."""
+        return np.zeros(JOINTS) if self._gravity is None else np.asarray(self._gravity(q), dtype=float)
+
     def start(self) -> None:
         """Begin to follow torques."""
         self.connect()
@@ -135,7 +151,7 @@ class FrankaRobot:
         control, self._control = self._control, None
         if control is None:  # it has ended the motion itself, or none began
             return
-        with contextlib.suppress(pylibfranka.FrankaException):
+        with contextlib.suppress(*RAISED):
             control.readOnce()
             last = pylibfranka.Torques([0.0] * JOINTS)
             last.motion_finished = True
@@ -146,7 +162,7 @@ class FrankaRobot:
         stop one, the maker's library waits for ever."""
         try:
             return call()
-        except pylibfranka.FrankaException as reason:
+        except RAISED as reason:
             self._control = None
             raise HardwareError(f"the robot ended the motion: {reason}") from reason
 
@@ -173,9 +189,7 @@ class FrankaRobot:
             raise HardwareError(f"{self.address}: in mode {mode.name}{errors}; {remedies[mode]}")
 
     def _firmware_gravity(self, state: Any, q: np.ndarray) -> np.ndarray:
-        if self._gravity is not None:
-            return np.asarray(self._gravity(q), dtype=float)
-        return np.array(self._model.gravity(state))
+        return self.gravity_of(q) if self._gravity is not None else np.array(self._model.gravity(state))
 
 
 def _load(
@@ -204,7 +218,7 @@ def _in_time(call: Callable[[], Any], said: str) -> Any:
         return answer.result(PATIENCE)
     except Late:
         raise HardwareError(f"{said} within {PATIENCE:g} s") from None
-    except pylibfranka.FrankaException as reason:
+    except RAISED as reason:
         raise HardwareError(f"{said}: {reason}") from reason
 
 
@@ -213,7 +227,7 @@ def _named(said: str) -> Iterator[None]:
     """What the maker's library raises, as a HardwareError."""
     try:
         yield
-    except pylibfranka.FrankaException as reason:
+    except RAISED as reason:
         raise HardwareError(f"{said}: {reason}") from reason
 
 
