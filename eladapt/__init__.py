@@ -18,6 +18,7 @@ from eladapt.estimation.mixing import Determinant, SmallestEigenvalue, Unmixed
 from eladapt.estimation.noise import MeasuredNoise, measure_noise
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.estimation.regressions import ForceBalance, PowerBalance
+from eladapt.hardware.commissioning import Commissioning, commission
 from eladapt.hardware.loop import LoopResult, RobotInterface, run_loop
 from eladapt.hardware.timing import Timing
 from eladapt.hardware.udp import UdpRobot
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FAULTS",
     "Braking",
+    "Commissioning",
     "CompositeController",
     "CompositeLaw",
     "ControllerState",
@@ -115,6 +117,7 @@ __all__ = [
     "Unmixed",
     "carried",
     "certify",
+    "commission",
     "current_gains",
     "estimate_payload",
     "excitation",

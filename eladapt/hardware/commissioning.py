@@ -1,0 +1,244 @@
+"""The first seconds on an arm: small, slow motion tells what a controller has to know of the hardware."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from eladapt.control.composite import CompositeController
+from eladapt.errors import ArgumentError, HardwareError, LogWarning, require_gain, require_number
+from eladapt.estimation.friction import FrictionEstimate
+from eladapt.estimation.noise import LEAST_SAMPLES, measure_noise
+from eladapt.hardware.loop import RobotInterface, run_loop
+from eladapt.identification.found import Identified
+from eladapt.identification.identify import identify
+from eladapt.identification.log import Log
+from eladapt.regressors.joint_terms import FRICTION_TERMS
+from eladapt.robot.model import Robot
+from eladapt.safety.gated import GatedController
+from eladapt.signals import Measurement, Reference
+
+REST, RAMP = 1.5, 1.0  # [s] of rest at the start, and in which motion grows and fades
+SLOWEST, FASTEST = 0.5, 1.1  # [Hz] of the joints' sines, each of its own
+SHARE = 0.3  # of a speed limit, at the most
+CAREFUL: dict[str, Any] = {
+    "position_noise": 1e-4,
+    "velocity_noise": 2e-3,
+    "delay": 5e-3,
+    "velocity_lag": 5e-3,
+}
+LONGEST_DELAY = 0.02  # [s]
+ALIKE = 0.05  # of what is sent, by which the reported torque may differ from it
+SMOOTH = 0.03  # [s] of the window that tells velocities and accelerations from positions
+DIFFERENT = 0.2  # relative change that is told
+SURE = 0.05  # of a friction: a larger standard deviation leaves it unknown
+NAMES = ("position_noise", "velocity_noise", "delay", "velocity_lag")
+
+
+@dataclass(frozen=True, eq=False)
+class Commissioning:
+    """What small motions told. nan: it is not known.
+
+    ``for_robot(robot, dt, **commissioning.hardware)`` takes it into account.
+    """
+
+    robot: Robot
+    position_noise: np.ndarray  # (nv,) [rad]
+    velocity_noise: np.ndarray  # (nv,) [rad/s]
+    delay: float  # [s] from a command to the torque that is reported for it
+    velocity_lag: float  # [s] of a first-order filter in the measured velocity
+    friction: FrictionEstimate
+    reversed: tuple[str, ...]  # joints whose torque moves them the other way
+    found: Identified
+    log: Log
+    notes: tuple[str, ...] = ()
+
+    @property
+    def hardware(self) -> dict[str, Any]:
+        """What `CompositeController.for_robot` takes, as far as it is known."""
+        return {name: value for name in NAMES if np.all(np.isfinite(value := getattr(self, name)))}
+
+    def changed_since(self, before: Commissioning) -> tuple[str, ...]:
+        """What is another than it was then, a sentence each."""
+        said = []
+        for name in NAMES:
+            old, new = (float(np.median(getattr(each, name))) for each in (before, self))
+            if np.isfinite(old + new) and abs(new - old) > DIFFERENT * max(abs(old), 1e-6):
+                said.append(f"{name}: {old:.3g} then, {new:.3g} now")
+        for name in FRICTION_TERMS:
+            old, new = (getattr(each.friction, name) for each in (before, self))
+            spread = np.hypot(
+                *(each.friction.std[("viscous", "coulomb", "offset").index(name)] for each in (before, self))
+            )
+            for k in np.flatnonzero(np.abs(new - old) > np.maximum(3 * spread, DIFFERENT * np.abs(old))):
+                said.append(f"{name} of {self.robot.joint_names[k]}: {old[k]:.3g} then, {new[k]:.3g} now")
+        return tuple(said)
+
+    def __str__(self) -> str:
+        def row(name: str, unit: str, value: Any) -> str:
+            values = ", ".join("not known" if np.isnan(x) else f"{x:.3g}" for x in np.atleast_1d(value))
+            return f"{name:15} {values} {unit}"
+
+        lines = [
+            f"commissioning of {self.robot.name}",
+            row("position noise", "rad", self.position_noise),
+            row("velocity noise", "rad/s", self.velocity_noise),
+            row("delay", "s", self.delay),
+            row("velocity lag", "s", self.velocity_lag),
+        ]  # fmt: skip
+        if self.reversed:
+            lines.append(f"torque moves the other way: {', '.join(self.reversed)}")
+        return "\n".join([*lines, str(self.friction), *self.notes])
+
+
+def commission(
+    robot: Robot,
+    interface: RobotInterface,
+    *,
+    dt: float = 1e-3,
+    duration: float = 10.0,
+    reach: float | np.ndarray = 0.15,
+    shaped: bool = False,
+) -> Commissioning:
+    """Move each joint a little, and tell noise, delay, velocity lag, friction and sign.
+
+    The arm rests for 1.5 s where it is, and then each joint swings about that place by at most ``reach``
+    [rad or m], within its range and a third of its speed limit, all of them at once; ``duration`` [s] in all.
+    The controller expects bad hardware meanwhile and stands behind its gate, which ends it with a fault as
+    ever. Friction is taken for known where its standard deviation is below 5 % of it.
+
+    Raises ArgumentError for a reach or duration that is too small, HardwareError where the arm did not go
+    through with it, with the gate's reason; and what `run_loop` raises.
+    """
+    reach = require_gain("reach", reach, robot.nv)
+    duration = require_number("duration", duration, REST + 3 * RAMP)
+    heard = Heard(interface)
+    careful = CompositeController.for_robot(robot, dt, **CAREFUL)
+    motion = Swing(robot, heard, reach, duration)
+    result = run_loop(GatedController.for_robot(careful, dt), heard, motion, duration, dt, shaped=shaped)
+    if result.fault is not None:
+        raise HardwareError(f"commissioning of {robot.name} ended early: {result.fault}")
+    return assessed(robot, heard, dt)
+
+
+class Heard:
+    """An interface whose measurements and commands are kept."""
+
+    def __init__(self, interface: RobotInterface):
+        self.interface = interface
+        self.keeps_clock = bool(getattr(interface, "keeps_clock", False))
+        self.measurements: list[Measurement] = []
+        self.sent: list[np.ndarray] = []
+        self.start, self.stop = interface.start, interface.stop
+
+    def read(self) -> Measurement:
+        measurement = self.interface.read()
+        if not self.measurements or measurement.t > self.measurements[-1].t:
+            self.measurements.append(measurement.copy())
+            self.sent.append(np.full(len(measurement.v), np.nan))
+        return measurement
+
+    def write(self, tau: np.ndarray) -> None:
+        self.sent[-1] = tau.copy()
+        self.interface.write(tau)
+
+
+class Swing:
+    """Sines of different frequencies about where the arm was first, from rest to rest."""
+
+    def __init__(self, robot: Robot, heard: Heard, reach: np.ndarray, duration: float):
+        self.robot, self.heard, self.duration = robot, heard, duration
+        self.rate = 2 * np.pi * np.linspace(SLOWEST, FASTEST, robot.nv)
+        limit = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, np.inf)
+        self.size = np.minimum(reach, SHARE * limit / self.rate)
+
+    def __call__(self, t: float) -> Reference:
+        robot = self.robot
+        q0 = self.heard.measurements[0].q
+        x = robot.coordinates(q0)
+        room = np.minimum(robot.upper - x, x - robot.lower)
+        size = np.clip(room - 0.01, 0.0, self.size)
+        s = np.clip((t - REST) / RAMP, 0, 1) * np.clip((self.duration - t) / RAMP - 0.2, 0, 1)
+        phase = self.rate * max(t - REST, 0.0)
+        grown = s * s * (3 - 2 * s)
+        moved = grown * size * np.sin(phase)
+        v, a = grown * size * self.rate * np.cos(phase), -grown * size * self.rate**2 * np.sin(phase)
+        return Reference(robot.integrate(q0, moved), v, a)
+
+
+def assessed(robot: Robot, heard: Heard, dt: float) -> Commissioning:
+    """What the measurements and commands of a small motion tell."""
+    taken = heard.measurements
+    begun = taken[0].t
+    rest = [m for m in taken if 0.3 * REST < m.t - begun < REST]
+    if len(rest) < LEAST_SAMPLES:
+        raise ArgumentError(
+            f"dt: expected at least {LEAST_SAMPLES} samples in {0.7 * REST:.2g} s of rest, got {len(rest)}"
+        )
+    noise = measure_noise(robot, rest)
+    x = np.unwrap([robot.coordinates(m.q) for m in taken], axis=0)
+    t, v, tau = (np.array([getattr(m, name) for m in taken]) for name in ("t", "v", "tau"))
+    log = Log(t, x, v, tau, robot.joint_names, held=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LogWarning)
+        found = identify(robot, log, held_out=0, physical=False, progress=False)
+    delay, notes = _delay(np.array(heard.sent), tau, dt), list(found.notes)
+    if np.isnan(delay):
+        notes.append("delay: what is reported as torque is not what was commanded some cycles before")
+    friction = found.friction
+    values = np.array([friction.viscous, friction.coulomb, friction.offset])
+    friction = friction._replace(known=friction.std < SURE * np.abs(values))
+    return Commissioning(
+        robot, *noise, delay, _lag(log), friction, _reversed(found, x[0]), found, log, tuple(notes)
+    )  # fmt: skip
+
+
+def _delay(sent: np.ndarray, reported: np.ndarray, dt: float) -> float:
+    """[s] by which the reported torque comes behind the command that it answers, beyond the step that holds
+    it; nan where they are not alike."""
+    changing = sent - np.nanmean(sent, axis=0)
+    best, least = float("nan"), ALIKE
+    for late in range(1, round(LONGEST_DELAY / dt) + 2):
+        pair = np.isfinite(sent[:-late]).all(axis=1)
+        wrong = float(np.linalg.norm((reported[late:] - sent[:-late])[pair]))
+        share = wrong / max(float(np.linalg.norm(changing[:-late][pair])), 1e-12)
+        if share < least:
+            best, least = (late - 1) * dt, share
+    return best
+
+
+def _lag(log: Log) -> float:
+    """[s] by which the measured velocities come behind the derivative of the positions: of both, smoothed
+    alike, v - dq/dt = - lag dv/dt."""
+    window = 2 * int(0.5 * SMOOTH / log.dt) + 1
+    if window < 5 or len(log) < 4 * window:
+        return float("nan")
+    across = np.zeros(2)
+    for piece in log.segments:
+        if piece.stop - piece.start < 2 * window:
+            continue
+        smooth = {"window_length": window, "polyorder": 3, "delta": log.dt, "axis": 0}
+        rate = savgol_filter(log.q[piece], deriv=1, **smooth)
+        v = savgol_filter(log.velocity[piece], **smooth)
+        change = savgol_filter(log.velocity[piece], deriv=1, **smooth)
+        inner = slice(window, -window)
+        across += [np.sum(-(v - rate)[inner] * change[inner]), np.sum(change[inner] ** 2)]
+    return max(0.0, float(across[0] / across[1])) if across[1] > 0 else float("nan")
+
+
+def _reversed(found: Identified, x0: np.ndarray) -> tuple[str, ...]:
+    """Joints whose inertia at joint coordinates (nv,), as told, is surely negative: torque moves them the
+    other way."""
+    regressors, robot = found.regressors, found.original
+    q, still = robot.configuration(x0), np.zeros(robot.nv)
+    rest, names = regressors.torque(q, still, still), []
+    for k, name in enumerate(robot.joint_names):
+        row = (regressors.torque(q, still, np.eye(robot.nv)[k]) - rest)[k]
+        inertia, spread = row @ found.theta, np.sqrt(max(row @ found.covariance @ row, 0.0))
+        if inertia < -3 * spread:
+            names.append(name)
+    return tuple(names)

@@ -1,0 +1,119 @@
+"""Ten seconds of small motion tell what the hardware is, or that it is not known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from shared import load
+
+import eladapt as ea
+from eladapt.errors import ArgumentError, HardwareError
+from eladapt.hardware.commissioning import CAREFUL, Heard, Swing, assessed
+from eladapt.safety.gated import GatedController
+from eladapt.simulation.faults import Misdriven
+from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
+
+DT = 1e-3
+
+
+class Bench:
+    def __init__(self, plant, dt=DT):
+        self.plant, self.dt = plant, dt
+
+    def start(self):
+        self.measurement = self.plant.reset()
+
+    def read(self):
+        return self.measurement
+
+    def write(self, tau):
+        self.measurement = self.plant.step(tau, self.dt)
+
+    def stop(self):
+        self.plant.brake()
+
+
+def moved(robot, plant, duration=8.0):
+    """What `commission` hears, without waiting for the clock."""
+    heard = Heard(Bench(plant))
+    careful = GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, **CAREFUL), DT)
+    motion = Swing(robot, heard, np.full(robot.nv, 0.15), duration)
+    heard.start()
+    state = careful.init(heard.read())
+    for _ in range(round(duration / DT)):
+        measurement = heard.read()
+        state, tau = careful.step(state, measurement, motion(measurement.t), DT)
+        heard.write(tau)
+        assert state.fault is None
+    return heard
+
+
+@pytest.fixture(scope="module")
+def told():
+    robot = load("ur5")
+    friction = ea.Friction(np.full(6, 0.8), np.full(6, 0.6))
+    arm = ea.PinocchioPlant(robot, robot.configuration(robot.home), friction=friction)
+    plant = NoisyReadings(Delay(Encoders(arm, 2**19, 4e-3), 3e-3), ea.Noise(3e-5, 3e-4), seed=1)
+    return assessed(robot, moved(robot, plant), DT)
+
+
+def test_noise_delay_and_lag_are_found(told):
+    """Within 20 %, the delay to the step."""
+    assert told.position_noise == pytest.approx(np.full(6, 3e-5), rel=0.2)
+    assert told.velocity_noise == pytest.approx(np.full(6, 3e-4), rel=0.2)
+    assert told.delay == pytest.approx(3e-3, abs=1e-9)
+    assert told.velocity_lag == pytest.approx(4e-3, rel=0.2)
+    assert set(told.hardware) == {"position_noise", "velocity_noise", "delay", "velocity_lag"}
+    assert told.reversed == ()
+
+
+def test_friction_is_found_where_it_is_said_to_be_known(told):
+    known = told.friction.known
+    assert known[1].sum() >= 4
+    assert told.friction.coulomb[known[1]] == pytest.approx(np.full(known[1].sum(), 0.6), rel=0.2)
+    assert told.friction.viscous[known[0]] == pytest.approx(np.full(known[0].sum(), 0.8), rel=0.2)
+    for said in ("delay           0.003 s", "velocity lag    0.00", "friction"):
+        assert said in str(told)
+
+
+def test_what_changed_since_is_said(told):
+    assert told.changed_since(told) == ()
+    slower = dataclasses.replace(told, delay=1e-3, velocity_lag=float("nan"))
+    assert slower.changed_since(told) == ("delay: 0.003 then, 0.001 now",)
+    coulomb = told.friction.coulomb.copy()
+    coulomb[2] *= 2
+    worn = dataclasses.replace(told, friction=told.friction._replace(coulomb=coulomb))
+    assert [said.split(":")[0] for said in worn.changed_since(told)] == ["coulomb of elbow_joint"]
+
+
+def test_a_torque_that_is_not_reported_leaves_the_delay_unknown():
+    """A drive that reports something else than what was commanded."""
+    robot = load("two_link")
+    arm = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    heard = moved(robot, arm)
+    rng = np.random.default_rng(0)
+    heard.measurements = [m._replace(tau=m.tau + rng.normal(size=2)) for m in heard.measurements]
+    told = assessed(robot, heard, DT)
+    assert np.isnan(told.delay)
+    assert "delay" not in told.hardware
+    assert any(note.startswith("delay:") for note in told.notes)
+
+
+def test_it_runs_through_the_loop_and_stops_the_arm():
+    robot = load("two_link")
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    told = ea.commission(robot, Bench(plant, 5e-3), dt=5e-3, duration=6.0)
+    assert told.delay == 0
+    assert np.abs(plant.v).max() < 0.1
+    with pytest.raises(ArgumentError, match="duration"):
+        ea.commission(robot, Bench(plant), duration=1.0)
+    with pytest.raises(ArgumentError, match="reach"):
+        ea.commission(robot, Bench(plant), reach=0.0)
+
+
+def test_an_arm_that_does_not_go_through_with_it_says_why():
+    robot = load("two_link")
+    arm = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    dead = Misdriven(arm, lambda sent, good: sent * [1, 0], start=1.0)
+    with pytest.raises(HardwareError, match="commissioning of two_link ended early: "):
+        ea.commission(robot, Bench(dead, 5e-3), dt=5e-3, duration=6.0)
