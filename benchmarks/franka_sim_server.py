@@ -1,7 +1,7 @@
 """franka-sim's server on loopback, with all limits enforced, and a load that its firmware does not know.
 
 It runs in an environment of its own, which has franka-sim and, for its model of the arm, franky-sim
-(installed without what that asks for): see `franka.py` beside it.
+(installed without what that asks for): see `franka_client.py` beside it.
 """
 
 from __future__ import annotations

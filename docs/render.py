@@ -42,13 +42,14 @@ PLOTS = {
     "paper": "paper_case1_motion.png", "hardware_loop": "hardware_loop.png",
     "identify_panda": "identify_panda.png", "identify_log": "identify_log_motion.png",
 }  # no animation  # fmt: skip
+UNSEEN = ("franka",)  # it needs a robot
 SHOWS = {"own_urdf": "own_two_link"}
 ARGUMENTS = {"own_urdf": [str(DOCS.parent / "robots" / "two_link.urdf")]}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    names = sorted(path.stem for path in EXAMPLES.glob("*.py"))
+    names = sorted(path.stem for path in EXAMPLES.glob("*.py") if path.stem not in UNSEEN)
     parser.add_argument("examples", nargs="*", choices=[*names, []], metavar="EXAMPLE", help=", ".join(names))
     parser.add_argument("--out", metavar="FOLDER", help="keep the files; what is there is not run again")
     options = parser.parse_args()

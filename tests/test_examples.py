@@ -25,6 +25,7 @@ LEAVES = {
         "identify_panda.png",
     ),
     "identify_log": ("identify_log.urdf", "identify_log.html", "identify_log_motion.png"),
+    "franka": ("franka.npz", "franka.html"),
     "paper": ("paper.md", *(f"paper_case{c}_{k}.png" for c in (1, 2) for k in ("motion", "estimation"))),
 }
 
@@ -46,6 +47,9 @@ def test_example_leaves_its_files(name, tmp_path):
     assert done.returncode == 0, done.stderr
     if name == "identify_log" and not REAL_LOG.is_file():
         assert done.stdout.startswith("skipped: the log of a real Panda is not in ../shared/logs")
+        return
+    if name == "franka" and "ELADAPT_FRANKA_SIM_PYTHON" not in os.environ:
+        assert done.stdout.startswith("skipped: give the address of a robot")
         return
     for file in LEAVES[name]:
         assert (tmp_path / file).stat().st_size > 1000 or file.endswith(".md")

@@ -171,7 +171,7 @@ def main() -> None:
         f"A minute of {GOALS} set-points up to {FAR:g} rad from the start in each joint. The error is that "
         f"from the set-point, the largest of all joints. The limit of a cycle is 1 N m. In the end {said}."
     )
-    table.write("franka", "A Franka that is not there, by its maker's client", head, rows, notes)
+    table.write("franka_client", "A Franka that is not there, by its maker's client", head, rows, notes)
 
 
 if __name__ == "__main__":
