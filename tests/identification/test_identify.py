@@ -27,6 +27,17 @@ def test_rows_hold_without_acceleration(name):
     assert np.abs(rows.omega @ truth(regressors) - rows.y).max() < 1e-5 * np.abs(rows.y).max()
 
 
+def test_a_window_between_the_samples_of_a_slow_log_has_no_row():
+    """25 Hz with lost messages: some windows of 0.1 s lie within a step of 0.2 s. Nothing is nan, and the
+    torques that are left are right but for what the acceleration does within a step."""
+    robot, log = load("ur5"), known_log(load("ur5"), 16.0, dt=5e-3)
+    kept = np.flatnonzero(np.random.default_rng(0).uniform(size=len(log) // 8) > 0.3) * 8
+    slow = dataclasses.replace(log, t=log.t[kept], q=log.q[kept], v=log.v[kept], tau=log.tau[kept])
+    assert len(slow.segments) == 1
+    found = ea.identify(robot, slow, progress=False)
+    assert found.errors["identified"].filtered[-1] < 0.05
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_log_tells_the_arm_whatever_the_file_says(name):
     """From masses that are 30 % wrong: torques of another motion within 1e-4, by both sets of parameters."""
