@@ -99,6 +99,18 @@ def test_the_command(tmp_path, capsys):
     assert isinstance(model, pin.Model)
 
 
+def test_the_command_takes_columns_by_number_name_and_pattern(tmp_path, capsys):
+    log = known_log(load("two_link"), 6.0, dt=4e-3)
+    rows = np.column_stack([log.q, log.t, log.velocity, log.tau])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header="a,b,clock,v_1,v_2,x1,x2", comments="")
+    columns = ["--column", "q=0", "--column", "q=b", "--column", "t=clock", "--column", "v=v_*"]
+    assert main(["identify", "two_link", str(path), *columns, "--column", "tau=x1,x2"]) == 0
+    assert re.search(r"^identified .* raw$", capsys.readouterr().out, re.MULTILINE)
+    assert main(["identify", "two_link", str(path), *columns, "--column", "tau=x1,7"]) == 1
+    assert "unknown column of tau '7'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
