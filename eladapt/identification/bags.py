@@ -54,6 +54,8 @@ def _chosen(path: Path, topics: list[str], topic: str | None) -> str:
 def _gathered(path: Path, messages: Sequence[Any], joints: tuple[str, ...]) -> dict[str, Any]:
     """The messages that hold all joints: those named, or those that most messages have."""
     wanted = joints or Counter(tuple(message.name) for message in messages).most_common(1)[0][0]
+    if not wanted:
+        raise LogError(f"{path}: its joint states name no joints")
     rows, times = [], []
     for message in messages:
         names = list(message.name)

@@ -326,6 +326,9 @@ def test_a_bag_without_velocities_or_with_several_topics(tmp_path):
     bag(tmp_path / "none", [(r[0], ("a",), r[1:2], r[3:4], []) for r in rows])
     with pytest.raises(LogError, match="no effort"):
         ea.Log.read(tmp_path / "none")
+    bag(tmp_path / "nameless", [(r[0], (), r[1:3], r[3:5], r[5:7]) for r in rows])
+    with pytest.raises(LogError, match="name no joints"):
+        ea.Log.read(tmp_path / "nameless")
     (tmp_path / "junk.mcap").write_bytes(b"junk")
     with pytest.raises(LogError, match="not a ROS bag"):
         ea.Log.read(tmp_path / "junk.mcap")
