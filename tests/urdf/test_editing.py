@@ -66,6 +66,26 @@ def test_a_file_itself_may_give_rotors(tmp_path):
         ea.Robot.from_urdf(path)
 
 
+@pytest.mark.parametrize(
+    ("edits", "said"),
+    [
+        (Edits({"x": BODY}), "unknown link 'x'; legal names: b, c, d"),
+        (Edits({}, {"x": {"damping": 1.0}}), "unknown joint 'x'; legal names: j, k"),
+        (
+            Edits({}, {"j": {"dampping": 1.0}}),
+            "unknown dynamics of j 'dampping'; legal names: damping, friction",
+        ),
+        (Edits({"c": BODY[:9]}), r"inertials of c: expected shape \(10,\)"),
+        (Edits({"c": [np.nan] * 10}), "inertials of c: expected finite"),
+    ],
+)
+def test_edits_of_what_is_not_there_are_refused(tmp_path, edits, said):
+    path = tmp_path / "arm.urdf"
+    path.write_text(TEXT)
+    with pytest.raises(ValueError if "inertials" in said else LookupError, match=said):
+        ea.Robot.from_urdf(path, edits=edits)
+
+
 @pytest.mark.parametrize("name", ["two_link", "ur5", "panda", "talos_left_arm"])
 def test_an_edited_robot_is_one_like_any_other(name):
     """Its source makes it again, MuJoCo has its mass matrix, and what was not edited is as before."""
