@@ -15,7 +15,7 @@ from eladapt.identification.found import Identified
 from eladapt.identification.learned import learned
 from eladapt.identification.log import Log
 from eladapt.identification.log_check import remarks
-from eladapt.identification.prediction import errors_of, torques_of
+from eladapt.identification.prediction import doubts, errors_of, torques_of
 from eladapt.identification.rows import Column, rows_of
 from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
@@ -51,11 +51,18 @@ def identify(
     the URDF's that fit as well (extra ``identify``), which `Identified.robot` and `Identified.save_urdf`
     need.
 
-    Warns (LogWarning) of what looks wrong in the log. Raises ArgumentError for a log at rest, without torque,
-    or with fewer rows than parameters; UnknownNameError for joints that it does not have.
+    Warns (LogWarning) of what looks wrong in the log, and of parameters that do not explain it. Raises
+    ArgumentError for a log at rest, without torque, or with fewer rows than parameters; UnknownNameError for
+    joints that it does not have.
     """
+    if not isinstance(robot, Robot):
+        raise ArgumentError(f"robot: expected a Robot, got {type(robot).__name__}")
     regressors = Regressors(robot, joint_terms=joint_terms)
+    if columns is not None and not isinstance(columns, Mapping):
+        raise ArgumentError(f"columns: expected functions by name, got {type(columns).__name__}")
     own = dict(columns or {})
+    if taken := [name for name in own if name in regressors.names]:
+        raise ArgumentError(f"columns: {', '.join(taken)} is a parameter already; name it otherwise")
     labels = (*regressors.labels, *own)
     if not isinstance(log, Log):
         if own:
@@ -82,9 +89,12 @@ def identify(
     by = {"URDF": start, "identified": found.theta}
     if whole.physical is not None:
         by["physical"] = whole.physical
+    errors = {name: errors_of(rows, torques, theta) for name, theta in by.items()}
+    for doubt in doubts(errors):
+        warnings.warn(f"log of {robot.name}: {doubt}", LogWarning, stacklevel=2)
     return dataclasses.replace(
-        whole, errors={name: errors_of(rows, torques, theta) for name, theta in by.items()},
-        torques=torques, held_out=held_out, notes=(*log.notes, *told),
+        whole, errors=errors, torques=torques, held_out=held_out,
+        notes=(*log.notes, *told, *doubts(errors)),
     )  # fmt: skip
 
 

@@ -67,6 +67,7 @@ def test_links_that_move_together_are_said_so():
     found = ea.identify(robot, known_log(robot), held_out=0, progress=False)
     (said,) = found.merged
     assert said.startswith("panda_link7 holds the inertia of panda_link8, panda_hand, panda_leftfinger")
+    assert "while panda_finger_joint1, panda_finger_joint2 hold still: lock them in the new file too" in said
     loose = ea.identify(robot, known_log(robot), held_out=0, physical=False, progress=False)
     with pytest.raises(EladaptError, match="no physical parameters"):
         loose.save_urdf("never.urdf")

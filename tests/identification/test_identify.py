@@ -124,8 +124,29 @@ def test_columns_of_ones_own():
     assert found.errors["identified"].filtered[-1] < 1e-3
     without = ea.identify(robot, log, progress=False)
     assert without.errors["identified"].filtered[4] > 0.02
+    with pytest.raises(ArgumentError, match=r"columns: viscous\(elbow_joint\) is a parameter already"):
+        ea.identify(robot, log, columns={"viscous(elbow_joint)": lambda q, v, a: v}, progress=False)
+    with pytest.raises(ArgumentError, match="columns: expected functions by name, got list"):
+        ea.identify(robot, log, columns=["x"], progress=False)
     with pytest.raises(ArgumentError, match="columns: 'x' should give 6 finite numbers"):
         ea.identify(robot, log, columns={"x": lambda q, v, a: 1.0}, progress=False)
+
+
+def test_a_log_that_the_parameters_do_not_explain_is_doubted():
+    """Joints in another order, and torques of the other sign: least squares explain these, no bodies do."""
+    robot, log = load("ur5"), known_log(load("ur5"), 16.0)
+    wrong = dataclasses.replace(log, q=log.q[:, ::-1], v=log.v[:, ::-1], tau=log.tau[:, ::-1])
+    with pytest.warns(LogWarning, match="is it this robot's log"):
+        found = ea.identify(robot, wrong, progress=False)
+    assert any("is it this robot's log" in note for note in found.notes)
+    with pytest.warns(LogWarning, match="no bodies that can be fit the log"):
+        ea.identify(robot, known_log(robot, 16.0, noise=0.5, sign=-1), progress=False)
+    assert not ea.identify(robot, log, progress=False).notes
+
+
+def test_a_robot_is_asked_for():
+    with pytest.raises(ArgumentError, match="robot: expected a Robot, got str"):
+        ea.identify("ur5", known_log(load("ur5")))
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
