@@ -23,7 +23,7 @@ KEYS = {  # of an .npz, the first that is there
 
 
 TODAY = 1e9, 4e9  # [s] since 1970, in which logs are made: from 2001 to 2096
-EPOCH = ((1e9, "nanoseconds"), (1e6, "microseconds"), (1e3, "milliseconds"))
+EPOCH = ((1e9, "nanoseconds"), (1e6, "microseconds"), (1e3, "milliseconds"), (1.0, "seconds"))
 
 
 def read_log(
@@ -49,8 +49,8 @@ def read_log(
     header names or numbers from 0, or a pattern such as "actual_q_*", whose star stands for the joint; v may
     be left out. Lines that begin with # or % are comments; a line of units below the header is left out, and
     so is a last line that is cut short. A cell that is empty or nan makes its sample be left out; any other
-    text is an error with its line. The notes of the log say what was. Stamps since 1970 may be in
-    milli-, micro- or nanoseconds.
+    text is an error with its line. The notes of the log say what was. Stamps since 1970, in seconds,
+    milli-, micro- or nanoseconds, are counted from the first one on.
 
     .npz: arrays t, q, v (or dq, qd), tau (or torque, effort), and joint_names. A record of `Record.save`: its
     true motion. A folder or .mcap, .db3, .bag: sensor_msgs/JointState messages (extra ``ros``), of ``topic``

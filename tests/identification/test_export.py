@@ -81,6 +81,41 @@ def test_the_report_says_what_was_found(identified, tmp_path):
     assert "http-equiv" in page
 
 
+def test_the_curves_of_a_page_have_gaps_and_one_look_each(tmp_path, monkeypatch):
+    """Of a log by a clock that counts from 1970, of which single precision knows 128 s."""
+    robot, log = load("two_link"), known_log(load("two_link"), 8.0, dt=4e-3)
+    kept = (log.t < 3) | (log.t > 4)
+    parts = {name: getattr(log, name)[kept] for name in ("q", "v", "tau")}
+    found = ea.identify(robot, ea.Log(1.7e9 + log.t[kept], **parts), held_out=0, progress=False)
+    pages = {}
+    monkeypatch.setattr(
+        "eladapt.display.identification_report.write_page", lambda path, title, shown: pages.update(shown)
+    )
+    found.report(tmp_path / "page.html")
+    looks = {}
+    for name in ("Torques", "Residuals"):
+        figures = [figure for figure, *_ in pages[name].children]
+        assert len(figures) == robot.nv
+        for line in (line for figure in figures for line in figure.renderers):
+            t, y = line.data_source.data["t"], line.data_source.data["y"]
+            assert np.isnan(y).sum() == 1
+            assert 2.6 < t[np.isnan(y)][0] < 4.4  # margins of 0.2 s on both sides of the gap
+            assert len(set(t)) > 0.95 * len(t)
+            looks.setdefault(line.name, set()).add((line.glyph.line_color, str(line.glyph.line_dash)))
+    assert all(len(seen) == 1 for seen in looks.values())
+    assert set(looks) == {"measured", "URDF", "identified", "physical"}
+
+
+def test_the_page_of_a_controllers_state_does_not_speak_of_a_log(tmp_path):
+    robot = load("two_link")
+    controller = ea.CompositeController.for_robot(robot)
+    state = controller.init(ea.Measurement(0.0, robot.configuration(robot.home), np.zeros(2), np.zeros(2)))
+    page = ea.identify(robot, state).report(tmp_path / "page.html").read_text()
+    assert "two_link, from its run" in page
+    assert "What the run does not tell" in page
+    assert "Sample by sample" not in page
+
+
 def test_the_command(tmp_path, capsys):
     robot = load("ur5")
     log = known_log(robot, 10.0, noise=0.1)

@@ -141,7 +141,7 @@ def test_seconds_and_nanoseconds_are_one_stamp(tmp_path):
 
 def test_stamps_too_large_for_seconds_are_of_another_unit(tmp_path):
     rows = numbers()
-    for unit, name in ((1e3, "milli"), (1e6, "micro"), (1e9, "nano")):
+    for unit, name in ((1.0, ""), (1e3, "milli"), (1e6, "micro"), (1e9, "nano")):
         rows[:, 0] = unit * (1.7e9 + 0.01 * np.arange(N))
         log = ea.Log.read(written(tmp_path / "log.csv", rows, PLAIN))
         assert log.t == pytest.approx(0.01 * np.arange(N), abs=1e-6)  # 256 ns: a float of nanoseconds
