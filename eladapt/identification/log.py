@@ -17,6 +17,7 @@ from eladapt.robot.model import Robot
 
 FEWEST = 10  # samples
 GAP = 5.0  # times the median step: a longer one is a gap, over which nothing is known
+JUMP = 1.5 * np.pi  # [rad] from one sample to the next is no motion, but a position within one turn
 NAMED = 3  # columns that a note names
 DERIVATIVE_TIME, DERIVATIVE_ORDER = 0.06, 3  # [s] of the window that fits positions to tell velocities
 
@@ -32,7 +33,8 @@ class Log:
     What a recording lacks is dealt with by rule, and ``notes`` says where: samples with a number that is none
     are left out, and so are those with the stamp of the sample before. Without v (None, or all nan) it is the
     derivative of q, by a polynomial of the third degree through 60 ms around each sample (Savitzky and Golay
-    1964), on each side of a gap for itself. A step of more than five times the median is a gap. Raises
+    1964), on each side of a gap for itself. A step of more than five times the median is a gap. A position
+    that jumps by a turn, as that of a continuous joint, goes on without it until the next gap. Raises
     ArgumentError for shapes that do not agree, stamps that go back, and what is left of too few samples.
     """
 
@@ -67,6 +69,7 @@ class Log:
             )
         for name, value in (("t", t), ("joint_names", names), *arrays.items()):
             object.__setattr__(self, name, value)
+        self._put_together(notes)
         if "v" not in arrays:
             object.__setattr__(self, "v", self._derivative())
             notes.append(
@@ -177,6 +180,16 @@ class Log:
 
         return plot_log(self, path)
 
+    def _put_together(self, notes: list[str]) -> None:
+        """Positions that go on where they jump by a turn from one sample to the next, in place."""
+        before = self.q.copy()
+        for piece in self.segments:
+            self.q[piece] = np.unwrap(self.q[piece], discont=JUMP, axis=0)
+        jumping = np.flatnonzero(np.abs(self.q - before).max(axis=0) > JUMP)
+        if jumping.size:
+            named = ", ".join(_joint(self.joint_names, int(k)) for k in jumping)
+            notes.append(f"positions of {named} jump by a turn from one sample to the next, and go on")
+
     def _derivative(self) -> np.ndarray:
         """(N, n) dq/dt, on an even grid of the median step within each piece, and back."""
         dt, found = self.dt, np.zeros_like(self.q)
@@ -193,6 +206,10 @@ class Log:
                 rate = savgol_filter(even, window, DERIVATIVE_ORDER, deriv=1, delta=dt)
                 found[piece, k] = np.interp(t, grid, rate)
         return found
+
+
+def _joint(names: Sequence[str], k: int) -> str:
+    return names[k] if names else f"joint {k + 1}"
 
 
 def _table(name: str, value: Any, dimensions: int) -> np.ndarray:
@@ -213,7 +230,7 @@ def _sound(
     wrong = {"t": ~np.isfinite(t)}
     for name, array in arrays.items():
         for k, column in enumerate(array.T):
-            wrong[f"{name} of {joint_names[k] if joint_names else f'joint {k + 1}'}"] = ~np.isfinite(column)
+            wrong[f"{name} of {_joint(joint_names, k)}"] = ~np.isfinite(column)
     finite = ~np.any(list(wrong.values()), axis=0)
     if lost := int(np.sum(~finite)):
         where = [name for name, samples in wrong.items() if samples.any()]

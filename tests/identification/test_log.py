@@ -58,6 +58,19 @@ def test_missing_velocities_are_the_derivative_and_said_so():
     assert any("derivative" in note for note in log.notes)
 
 
+def test_a_position_within_one_turn_goes_on(tmp_path):
+    """Of a joint at 6 rad/s, within (-pi, pi], in two pieces: a straight line in each, and its derivative."""
+    t, q, _, tau = table(joints=2)
+    t[100:] += 0.5
+    q[:, 0] = np.angle(np.exp(6j * t))
+    log = ea.Log(t, q, None, tau)
+    for piece in log.segments:
+        assert np.diff(log.q[piece, 0]) == pytest.approx(6 * np.diff(t[piece]), abs=1e-12)
+    assert log.v[:, 0] == pytest.approx(np.full(200, 6.0), abs=1e-6)  # interpolated on an even grid
+    assert np.array_equal(log.q[:, 1], q[:, 1])
+    assert log.notes[0] == "positions of joint 1 jump by a turn from one sample to the next, and go on"
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
