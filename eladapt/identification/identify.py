@@ -75,7 +75,11 @@ def identify(
     told = remarks(log, robot)
     for remark in told:
         warnings.warn(f"log of {robot.name}: {remark}", LogWarning, stacklevel=2)
-    window = require_number("window", window, 2 * log.dt)
+    if require_number("window", window, 0) <= 2 * log.dt:
+        raise ArgumentError(
+            f"window: expected more than two steps of the log, {2 * log.dt:.3g} s, got {window:g} s; is its "
+            "t in seconds?"
+        )
     speed = require_number("stiction_speed", stiction_speed, 0)
     first, last = log.parts(held_out)
     rows = rows_of(first, regressors, own, window=window, stiction_speed=speed, progress=progress)
