@@ -66,6 +66,21 @@ def test_a_file_itself_may_give_rotors(tmp_path):
         ea.Robot.from_urdf(path)
 
 
+@pytest.mark.filterwarnings("ignore::eladapt.errors.MendedWarning", "ignore::eladapt.errors.UnitsWarning")
+def test_what_was_weighed_or_mended_stays_so(tmp_path):
+    """A link without <inertial>, and moments that no body has: an edit of something else changes neither."""
+    path, viscous = tmp_path / "arm.urdf", Edits({}, {"j": {"damping": 0.5}})
+    path.write_text(TEXT)
+    weighed = ea.Robot.from_urdf(path, density=2700)
+    changed = weighed.edited(viscous)
+    assert changed.model.inertias[1].isApprox(weighed.model.inertias[1], 1e-12)  # through decimals
+    assert changed.model.inertias[1].mass == pytest.approx(2701)
+    assert ea.Robot.from_source(changed.source).model == changed.model
+    path.write_text(TEXT.replace('iyy="1"', 'iyy="3"'))
+    mended = ea.Robot.from_urdf(path, mend=True)
+    assert mended.edited(viscous).model.inertias[1].isApprox(mended.model.inertias[1], 1e-12)
+
+
 @pytest.mark.parametrize(
     ("edits", "said"),
     [
