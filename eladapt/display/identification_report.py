@@ -14,7 +14,7 @@ from bokeh.models import Range1d
 from eladapt.display import charts, tables
 from eladapt.display.pages import WIDE, pairs, require_page, words, write_page
 from eladapt.identification.found import Identified
-from eladapt.identification.prediction import Errors
+from eladapt.identification.prediction import Errors, percent
 
 BREAK = 2.0  # times the usual step between two instants: there is a gap between them
 ERRORS = (
@@ -51,10 +51,10 @@ def _judged(found: Identified) -> str:
 def _errors(found: Identified) -> str:
     if not found.errors:
         return "<p>There is no log to judge by: these are a controller's parameters.</p>"
-    head = ["parameters", "", *found.original.joint_names, "all"]
+    head = ["parameters", "in %", *found.original.joint_names, "all"]
     kinds: Mapping[str, Any] = {"raw": "sample by sample", "filtered": "filtered"}
     rows = [
-        [name, said, *(f"{100 * value:.2f} %" for value in getattr(errors, kind))]
+        [name, said, *map(percent, getattr(errors, kind))]
         for kind, said in kinds.items()
         for name, errors in found.errors.items()
     ]
@@ -115,7 +115,7 @@ def _residuals(found: Identified) -> list[Any]:
 
 
 def _error(errors: Mapping[str, Errors], joint: int) -> str:
-    said = [f"{name} {100 * found.raw[joint]:.2f} %" for name, found in errors.items()]
+    said = [f"{name} {percent(found.raw[joint])} %" for name, found in errors.items()]
     return f": {', '.join(said)}" if said else ""
 
 

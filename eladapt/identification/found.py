@@ -17,7 +17,7 @@ from eladapt.estimation.friction import FrictionEstimate, friction_of
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.files import atomic_write
 from eladapt.identification.fitting import Fit
-from eladapt.identification.prediction import Errors, Torques
+from eladapt.identification.prediction import Errors, Torques, percent
 from eladapt.identification.rows import Column
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
@@ -141,7 +141,7 @@ class Identified:
             lines.append(" " * wide + "".join(f" {name[-10:]:>10}" for name in (*names, "all")))
             for name, errors in self.errors.items():
                 for kind, values in errors._asdict().items():
-                    cells = "".join(f" {100 * value:10.2f}" for value in values)
+                    cells = "".join(f" {percent(value):>10}" for value in values)
                     lines.append(f"{name:{wide}}{cells} {kind}")
         lines += [f"not told by the log: {said}" for said in self.untold]
         lines += self.notes

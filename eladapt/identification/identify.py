@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from eladapt.identification.rows import Column, rows_of
 from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
+
+if TYPE_CHECKING:
+    from eladapt.identification.physical import PhysicalBodies
 
 WINDOW = 0.1  # [s] of one average
 STICTION_SPEED = 0.01  # [rad/s]
@@ -64,11 +67,12 @@ def identify(
     if taken := [name for name in own if name in regressors.names]:
         raise ArgumentError(f"columns: {', '.join(taken)} is a parameter already; name it otherwise")
     labels = (*regressors.labels, *own)
+    bodies = _bodies(regressors, len(own)) if physical else None  # says what is missing before the work
     if not isinstance(log, Log):
         if own:
             raise ArgumentError("columns: a controller's state knows nothing of them; leave them out")
         found = learned(regressors, log)
-        return _identified(robot, regressors, found, labels, own, physical)
+        return _identified(robot, regressors, found, labels, own, bodies)
     log = log.of(robot)
     if not np.any(log.tau):
         raise ArgumentError("log: its torques are all zero; say which columns are torques, or give gains=")
@@ -85,7 +89,7 @@ def identify(
     rows = rows_of(first, regressors, own, window=window, stiction_speed=speed, progress=progress)
     start = np.concatenate([regressors.theta, np.zeros(len(own))])
     found = fit(rows, start)
-    whole = _identified(robot, regressors, found, labels, own, physical)
+    whole = _identified(robot, regressors, found, labels, own, bodies)
     judged = first if last is None else last
     if last is not None:
         rows = rows_of(judged, regressors, own, window=window, stiction_speed=speed, progress=progress)
@@ -102,15 +106,17 @@ def identify(
     )  # fmt: skip
 
 
+def _bodies(regressors: Regressors, own: int) -> PhysicalBodies:
+    from eladapt.identification.physical import PhysicalBodies
+
+    return PhysicalBodies(regressors, own)
+
+
 def _identified(
     robot: Robot, regressors: Regressors, found: Fit, labels: tuple[str, ...], own: Mapping[str, Column],
-    physical: bool,
+    bodies: PhysicalBodies | None,
 ) -> Identified:  # fmt: skip
-    parameters, theta = None, None
-    if physical:
-        from eladapt.identification.physical import PhysicalBodies
-
-        parameters, theta = PhysicalBodies(regressors, len(own)).nearest(found.theta, found.triangle)
+    parameters, theta = (None, None) if bodies is None else bodies.nearest(found.theta, found.triangle)
     return Identified(
         robot, regressors, found, labels, directions(found.untold, (*regressors.names, *own)), physical=theta,
         parameters=parameters, columns=dict(own),

@@ -78,6 +78,11 @@ def errors_of(rows: Rows, torques: Torques, theta: np.ndarray) -> Errors:
     )
 
 
+def percent(error: float) -> str:
+    """A relative error in percent; a dash where there was nothing to compare."""
+    return f"{100 * error:.2f}" if np.isfinite(error) else "-"
+
+
 def doubts(errors: Mapping[str, Errors]) -> Iterator[str]:
     """A sentence for each set of parameters that nobody should use, by their names in `Identified.errors`."""
     whole = {name: float(found.filtered[-1]) for name, found in errors.items()}

@@ -1,6 +1,8 @@
 """Logs tell the parameters of the arm that made them, how sure they are, and what they do not tell."""
 
 import dataclasses
+import re
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from known_logs import ALL, COULOMB, OFFSET, VISCOUS, heavier, known_log, truth
 from shared import load
 
 import eladapt as ea
-from eladapt.errors import ArgumentError, LogWarning
+from eladapt.errors import ArgumentError, EladaptError, LogWarning
 from eladapt.identification.rows import rows_of
 from eladapt.regressors.standard import pseudo_inertia
 
@@ -103,6 +105,8 @@ def test_what_a_log_does_not_tell_stays_and_is_named():
         assert any(f"{term}(wrist_1_joint)" in said for said in found.untold)
     assert np.isfinite(found.std[found.regressors.block("viscous").start])
     assert "not told by the log" in str(found)
+    assert np.isnan(found.errors["identified"].filtered[3])
+    assert re.search(r"^identified( +[\d.]+){3} +-( +[\d.]+){3} filtered$", str(found), re.MULTILINE)
 
 
 def test_columns_of_ones_own():
@@ -142,6 +146,15 @@ def test_a_log_that_the_parameters_do_not_explain_is_doubted():
     with pytest.warns(LogWarning, match="no bodies that can be fit the log"):
         ea.identify(robot, known_log(robot, 16.0, noise=0.5, sign=-1), progress=False)
     assert not ea.identify(robot, log, progress=False).notes
+
+
+def test_a_library_that_is_missing_is_said_before_the_work(monkeypatch):
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    monkeypatch.delitem(sys.modules, "eladapt.identification.physical", raising=False)
+    with pytest.raises(EladaptError, match=r'pip install "eladapt\[identify\]"'):
+        ea.identify(load("ur5"), "a log that would be refused")
+    with pytest.raises(ArgumentError, match="expected a Log"):
+        ea.identify(load("ur5"), "a log that would be refused", physical=False)
 
 
 def test_a_robot_is_asked_for():
