@@ -42,7 +42,11 @@ WARM_UP = 20  # steps before the robot starts: they import, allocate and compile
 
 
 class RobotInterface(Protocol):
-    """A robot that takes torque. Each method returns within a fraction of a period, but `start`."""
+    """A robot that takes torque. Each method returns within a fraction of a period, but `start`.
+
+    One whose ``read`` waits for the robot's next cycle may say so: ``keeps_clock = True``. Then the loop
+    waits for nothing else.
+    """
 
     def start(self) -> None:
         """Release the brakes, or whatever it takes until torque is followed."""
@@ -169,7 +173,8 @@ class _Loop:
         self.controller, self.shaping, self.interface, self.books = controller, shaping, interface, books
         self.dt, self.steps = dt, steps
         self.goal_at: Callable[[float], Goal] = goal if callable(goal) else (lambda _t: goal)
-        self.pacer = Pacer(dt, steps + 1)
+        keeps_clock = bool(getattr(interface, "keeps_clock", False))
+        self.pacer = Pacer(dt, steps + 1, robot_keeps_clock=keeps_clock)
         self.state: Any = None  # the controller's
         self.reference: Any = None  # the shaping's state, where there is one
         self.began = self.latest = 0.0  # [s] by the robot's clock: the first measurement, and the last one

@@ -48,11 +48,13 @@ class Pacer:
 
     Each tick: `began` when the measurement is there, `wait` when the command is out. An overrun skips the
     ticks that it covers, so that nothing is caught up in a burst. A measurement that had to be waited for
-    moves all ticks to come: the robot's clock leads.
+    moves all ticks to come: the robot's clock leads. robot_keeps_clock: every measurement is waited for, so
+    a tick is due when it comes, and nothing else is waited for.
     """
 
-    def __init__(self, period: float, capacity: int = 1024):
+    def __init__(self, period: float, capacity: int = 1024, *, robot_keeps_clock: bool = False):
         self.period = require_number("period", period, 0)
+        self.robot_keeps_clock = robot_keeps_clock
         self._work, self._late = np.empty(capacity), np.empty(capacity)
         self.ticks = self.overruns = self.missed = 0
         self.due = self._start = time.monotonic()
@@ -64,7 +66,9 @@ class Pacer:
     def began(self, waited: float) -> None:
         """A measurement came, after ``waited`` [s] for it."""
         self._start = time.monotonic()
-        if waited > BLOCKED * self.period:
+        if self.robot_keeps_clock:
+            self.due = self._start
+        elif waited > BLOCKED * self.period:
             self.due += waited
         if self.ticks < len(self._late):
             self._late[self.ticks] = max(0.0, self._start - self.due)
@@ -81,6 +85,8 @@ class Pacer:
             self.overruns += 1
             self.missed += behind
             self.due += behind * self.period
+            return
+        if self.robot_keeps_clock:
             return
         if (left := self.due - now) > SPIN:
             time.sleep(left - SPIN)

@@ -464,3 +464,20 @@ def test_packets_come_back_as_they_were():
     for data in (b"", packet.pack()[:-1], packet.pack() + b"\0", b"x" + packet.pack()[1:]):
         assert Packet.unpack(data, {STATE: 3}) is None
     assert Packet.unpack(packet.pack(), {TORQUE: 3}) is None
+
+
+def test_a_robot_that_keeps_the_clock_is_the_only_one_that_is_waited_for():
+    """Its cycles are twice as long as the loop's period: as many ticks as there are cycles, none late."""
+    _, controller, plant, goal = made()
+
+    class Slow(Simulated):
+        keeps_clock = True
+
+        def read(self):
+            time.sleep(2 * DT)
+            return super().read()
+
+    result = ea.run_loop(controller, Slow(plant), goal, 50 * DT, DT)
+    assert result.timing.ticks == 50
+    assert result.timing.missed == 0
+    assert result.timing.late == (0, 0, 0, 0)

@@ -1,0 +1,172 @@
+"""A Universal Robots arm over RTDE, by ur-rtde (extra ``ur``), with direct torque at 500 Hz.
+
+The firmware adds gravity for the load that it was told, and can compensate friction, which is left to the
+controller here. It needs PolyScope 5.23 or 10.10. Tried against an object of the same face, not yet against a
+real arm.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from eladapt.errors import ArgumentError, HardwareError, require_number, require_vector
+from eladapt.robot.model import Robot
+from eladapt.robot.reading import frame_index
+from eladapt.signals import Measurement
+
+JOINTS = 6
+FREQUENCY = 500.0  # [Hz]
+NO_FRICTION = [0.0] * JOINTS  # compensated by the firmware: it is learned
+DECELERATION = 2.0  # [rad/s^2] with which the arm stops
+LONGEST_WAIT = 0.1  # [s] for a new sample
+RUNNING = 7  # robot mode
+MODES = {
+    -1: "no controller", 0: "disconnected", 1: "confirm safety", 2: "booting", 3: "power off", 4: "power on",
+    5: "idle", 6: "backdrive", 7: "running", 8: "updating firmware",
+}  # fmt: skip
+
+
+class URRobot:
+    """A UR3e to UR30 as a `RobotInterface`; ``dt`` of the loop is 0.002 s.
+
+    address: of the robot. robot: what the controller knows of it; its joints are the arm's six. load: that
+    the firmware is told, (mass [kg], centre (3,) [m] in the robot's tool frame), None to leave it as it is.
+    gravity: what the firmware adds, q (6,) -> (6,) [N m]; None takes the robot's own model and that load.
+    Where that is not what the firmware adds, the controller learns the difference as gravity.
+
+    Stops and modes of the robot are HardwareErrors that name them. Raises ArgumentError for another number of
+    joints.
+    """
+
+    keeps_clock = True
+    adds_gravity = True
+
+    def __init__(
+        self,
+        address: str,
+        robot: Robot,
+        *,
+        load: tuple[float, Sequence[float]] | None = None,
+        gravity: Callable[[np.ndarray], np.ndarray] | None = None,
+    ):
+        if robot.nv != JOINTS:
+            raise ArgumentError(
+                f"robot: expected the {JOINTS} joints of a UR arm, got {robot.nv} of {robot.name!r}: "
+                f"{', '.join(robot.joint_names)}; lock the others (locked=)"
+            )
+        self.address, self.robot = address, robot
+        self.load: tuple[float, list[float]] | None = None
+        if load is not None:
+            mass = require_number("load: mass", load[0], 0, np.inf, closed=True)
+            self.load = (mass, require_vector("load: centre", load[1], 3).tolist())
+        self._gravity = gravity or _gravity_of(robot, self.load)
+        self._control: Any = None
+        self._receive: Any = None
+        self._t = -np.inf
+        self._added, self._sent = np.zeros(JOINTS), np.zeros(JOINTS)
+
+    def __repr__(self) -> str:
+        return f"URRobot({self.address!r}, {self.robot.name!r})"
+
+    def connect(self) -> None:
+        """Reach the robot and tell it the load; `start` does it too."""
+        if self._control is not None:
+            return
+        try:
+            self._receive = _library("rtde_receive").RTDEReceiveInterface(self.address, FREQUENCY)
+            self._require_ready()
+            self._control = _library("rtde_control").RTDEControlInterface(self.address, FREQUENCY)
+        except RuntimeError as reason:
+            raise HardwareError(
+                f"{self.address} does not answer: {reason}; is that the robot, and is it in remote control?"
+            ) from reason
+        if self.load is not None and not self._control.setPayload(*self.load):
+            raise HardwareError(f"{self.address}: the robot refused the load {self.load}")
+
+    def start(self) -> None:
+        """Begin to follow torques: what holds the arm, first."""
+        self.connect()
+        self._require_ready()
+        self._t, self._sent = -np.inf, np.zeros(JOINTS)
+        self._torque(self._sent)
+
+    def read(self) -> Measurement:
+        """Wait for the next sample."""
+        if self._control is None:
+            raise HardwareError(f"{self.address}: not started, or stopped")
+        for _ in range(round(LONGEST_WAIT * FREQUENCY)):
+            if (t := self._receive.getTimestamp()) > self._t:
+                break
+            self._control.waitPeriod(self._control.initPeriod())
+        else:
+            raise HardwareError(
+                f"{self.address}: no new sample for {LONGEST_WAIT:g} s; the connection is lost"
+            )
+        self._t = t
+        self._require_ready()
+        q, v = np.array(self._receive.getActualQ()), np.array(self._receive.getActualQd())
+        self._added = np.asarray(self._gravity(q), dtype=float)
+        return Measurement(t, self.robot.configuration(q), v, self._sent + self._added)
+
+    def write(self, tau: np.ndarray) -> None:
+        """Command tau (6,) [N m], less what the firmware adds."""
+        self._torque(tau - self._added)
+
+    def stop(self) -> None:
+        """End direct torque: the arm brakes along its joints, and holds."""
+        control, self._control = self._control, None
+        if control is None:
+            return
+        with contextlib.suppress(RuntimeError):
+            control.stopJ(DECELERATION)
+        with contextlib.suppress(RuntimeError):
+            control.stopScript()
+
+    def _torque(self, sent: np.ndarray) -> None:
+        if self._control is None:
+            raise HardwareError(f"{self.address}: not started, or stopped")
+        if not self._control.directTorque(sent.tolist(), NO_FRICTION, NO_FRICTION):
+            self._require_ready()
+            raise HardwareError(
+                f"{self.address}: the robot refused a torque; it needs PolyScope 5.23 or 10.10, and to be in "
+                "remote control"
+            )
+        self._sent = sent
+
+    def _require_ready(self) -> None:
+        """Raises HardwareError for a robot that has stopped, and what to do."""
+        if self._receive.isEmergencyStopped():
+            raise HardwareError(f"{self.address}: emergency stop; release it and power the arm on")
+        if self._receive.isProtectiveStopped():
+            raise HardwareError(f"{self.address}: protective stop; see the pendant why, and unlock it there")
+        if (mode := self._receive.getRobotMode()) != RUNNING:
+            named = MODES.get(mode, str(mode))
+            raise HardwareError(f"{self.address}: in mode {named!r}; power the arm on and release its brakes")
+
+
+def _gravity_of(robot: Robot, load: tuple[float, list[float]] | None) -> Callable[[np.ndarray], np.ndarray]:
+    """The gravity of the robot's own model, with a load at its tool."""
+    if load is None:
+        return robot.gravity
+    model = robot.model.copy()
+    frame = model.frames[frame_index(model, robot.tool)]
+    mass, centre = load
+    model.appendBodyToJoint(
+        frame.parentJoint, pin.Inertia(mass, np.array(centre), np.zeros((3, 3))), frame.placement
+    )
+    data = model.createData()
+    return lambda q: np.array(pin.computeGeneralizedGravity(model, data, q))
+
+
+def _library(name: str) -> Any:
+    try:
+        return __import__(name)
+    except ImportError as reason:
+        raise HardwareError(
+            f'a UR robot needs ur-rtde, which is not installed ({reason}): pip install "eladapt[ur]"'
+        ) from reason
