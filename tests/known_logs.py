@@ -10,11 +10,11 @@ VISCOUS, COULOMB, OFFSET = 0.4, 0.6, 0.2  # [N m s/rad], [N m], [N m], of every 
 ALL = ("rotor", "viscous", "coulomb", "offset")
 
 
-def known_log(robot, duration=8.0, dt=2e-3, seed=0, noise=0.0, load=None, model=None, rng=None):
+def known_log(robot, duration=8.0, dt=2e-3, seed=0, noise=0.0, load=None, model=None, rng=None, sign=1):
     """A log of an excitation of ``robot``.
 
     noise: standard deviation of the torques [N m]. load: (mass, centre) at the tool. model: the arm that
-    moves, where it is another than the robot's.
+    moves, where it is another than the robot's. sign: -1 for the torques of the reaction.
     """
     motion = ea.excitation(robot, duration, rounds=0, seed=seed, progress=False)
     t, course = motion.sampled(dt)
@@ -27,7 +27,7 @@ def known_log(robot, duration=8.0, dt=2e-3, seed=0, noise=0.0, load=None, model=
     data = model.createData()
     torques = [pin.rnea(model, data, *moved) for moved in zip(course.q, course.v, course.a, strict=True)]
     tau = np.array(torques) + VISCOUS * course.v + COULOMB * np.sign(course.v) + OFFSET
-    tau += noise * (rng or np.random.default_rng(seed)).normal(size=tau.shape)
+    tau = sign * tau + noise * (rng or np.random.default_rng(seed)).normal(size=tau.shape)
     x = np.unwrap([robot.coordinates(q) for q in course.q], axis=0)
     return ea.Log(t, x, course.v, tau, robot.joint_names)
 

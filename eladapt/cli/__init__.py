@@ -162,8 +162,9 @@ def _parser() -> _Parser:
     identify.add_argument("--held-out", type=float, default=0.3, metavar="SHARE",
                           help="the last part of the log, which only judges (default: 0.3)")  # fmt: skip
     identify.add_argument("--column", action="append", default=[], metavar="QUANTITY=NAMES",
-                          help="which columns of a table are t, q, v, tau or current, as q='actual_q_*'; "
-                          "repeatable (default: by the words in the header)")  # fmt: skip
+                          help="which columns of a table are t, q, v, tau or current: names, numbers from 0 "
+                          "or a pattern, as q='actual_q_*' or tau=14,15; repeatable (default: by the words "
+                          "in the header)")  # fmt: skip
     identify.add_argument("--joint", action="append", metavar="NAME",
                           help="the joint of a column, in their order; repeatable (default: as the log says, "
                           "or the robot's)")  # fmt: skip

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
+from typing import Any
 
 from eladapt.cli.checking import find
 from eladapt.cli.saying import say, say_table
@@ -21,7 +23,7 @@ def identify(options: argparse.Namespace) -> None:
 
         require_page(options.report)
     robot = find(options)
-    columns = dict(pair.partition("=")[::2] for pair in options.column) or None
+    columns = _columns(options.column) or None
     gains = None if options.gains is None else [x for part in options.gains for x in part]
     log = Log.read(
         options.log, columns=columns, joint_names=options.joint or (), gains=gains, degrees=options.degrees,
@@ -39,3 +41,12 @@ def identify(options: argparse.Namespace) -> None:
         say(f"wrote {found.save_urdf(options.out)}")
     if options.report is not None:
         say(f"wrote {found.report(options.report)}")
+
+
+def _columns(given: Sequence[str]) -> dict[str, Any]:
+    """By quantity: a pattern, or the list of names and numbers that its options give together."""
+    found: dict[str, list[str | int]] = {}
+    for pair in given:
+        quantity, _, said = pair.partition("=")
+        found.setdefault(quantity, []).extend(int(x) if x.isdigit() else x for x in said.split(","))
+    return {quantity: names[0] if len(names) == 1 else names for quantity, names in found.items()}

@@ -14,8 +14,9 @@ from bokeh.models import Range1d
 from eladapt.display import charts, tables
 from eladapt.display.pages import WIDE, pairs, require_page, words, write_page
 from eladapt.identification.found import Identified
-from eladapt.identification.prediction import Errors
+from eladapt.identification.prediction import Errors, percent
 
+BREAK = 2.0  # times the usual step between two instants: there is a gap between them
 ERRORS = (
     "<p>|predicted - measured| / |measured|. Sample by sample: torques below 10 Hz, with accelerations "
     "differenced from the velocities. Filtered: averages over windows, without any acceleration, where the "
@@ -31,14 +32,14 @@ PARAMETERS = (
 def identification_report(found: Identified, path: str | Path) -> Path:
     """Write the page; returns its path. Raises ArgumentError for a name that does not end in .html."""
     path = require_page(path)
-    overview = [words(f"<h2>Torque error{_judged(found)}</h2>{_errors(found)}{ERRORS}{_told(found)}")]
+    overview = [words(f"<h2>Torque error{_judged(found)}</h2>{_errors(found)}{_told(found)}")]
     pages = [("Overview", column(*overview, **WIDE))]
     if found.torques is not None and len(found.torques.t):
         pages += [("Torques", pairs(_torques(found))), ("Residuals", pairs(_residuals(found)))]
     pages.append(("Parameters", words(_parameters(found))))
     if found.parameters is not None:
         pages.append(("Bodies", words(_bodies(found))))
-    return write_page(path, f"{found.original.name}, from its log", pages)
+    return write_page(path, f"{found.original.name}, from its {'log' if found.errors else 'run'}", pages)
 
 
 def _judged(found: Identified) -> str:
@@ -50,18 +51,19 @@ def _judged(found: Identified) -> str:
 def _errors(found: Identified) -> str:
     if not found.errors:
         return "<p>There is no log to judge by: these are a controller's parameters.</p>"
-    head = ["parameters", "", *found.original.joint_names, "all"]
+    head = ["parameters", "in %", *found.original.joint_names, "all"]
     kinds: Mapping[str, Any] = {"raw": "sample by sample", "filtered": "filtered"}
     rows = [
-        [name, said, *(f"{100 * value:.2f} %" for value in getattr(errors, kind))]
+        [name, said, *map(percent, getattr(errors, kind))]
         for kind, said in kinds.items()
         for name, errors in found.errors.items()
     ]
-    return tables.table(head, rows, numbers=range(2, len(head)))
+    return tables.table(head, rows, numbers=range(2, len(head))) + ERRORS
 
 
 def _told(found: Identified) -> str:
-    parts = ["<h2>What the log does not tell</h2>"]
+    source = "log" if found.errors else "run"
+    parts = [f"<h2>What the {source} does not tell</h2>"]
     if found.untold:
         told = "".join(f"<li>{html.escape(said)}</li>" for said in found.untold)
         parts.append(f"<p>There the URDF's values stay, in these directions of θ:</p><ul>{told}</ul>")
@@ -73,49 +75,48 @@ def _told(found: Identified) -> str:
     return "".join(parts)
 
 
-def _predictions(found: Identified) -> dict[str, np.ndarray]:
-    """(n, nv) by name of the parameters."""
+def _curves(found: Identified) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times from the first on, and torques (n, nv) by name, measured first; nan where the log has a gap."""
+    assert found.torques is not None
+    t, tau, regressor = found.torques
     start = np.concatenate([found.regressors.theta, np.zeros(len(found.columns))])
     by = {"URDF": start, "identified": found.theta}
     if found.physical is not None:
         by["physical"] = found.physical
-    assert found.torques is not None
-    return {name: found.torques.regressor @ theta for name, theta in by.items()}
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > BREAK * np.median(steps)) + 1
+    torques = {"measured": tau, **{name: regressor @ theta for name, theta in by.items()}}
+    return np.insert(t - t[0], gaps, t[gaps] - t[0]), {
+        name: np.insert(torque, gaps, np.nan, axis=0) for name, torque in torques.items()
+    }
 
 
 def _torques(found: Identified) -> list[Any]:
-    assert found.torques is not None
-    t, tau, x = found.torques.t, found.torques.tau, _time(found)
-    predicted, drawn = _predictions(found), []
+    t, torques = _curves(found)
+    x, drawn = Range1d(t[0], t[-1]), []
     for k, name in enumerate(found.original.joint_names):
         chart = charts.chart(f"{name}{_error(found.errors, k)}", "τ [N m]", x)
-        values = np.column_stack([tau[:, k], *(torque[:, k] for torque in predicted.values())])
-        charts.lines(chart, t, values, ["measured", *predicted])
+        charts.lines(chart, t, np.column_stack([torque[:, k] for torque in torques.values()]), list(torques))
         drawn.append(chart)
     return drawn
 
 
 def _residuals(found: Identified) -> list[Any]:
-    assert found.torques is not None
-    t, tau, x = found.torques.t, found.torques.tau, _time(found)
-    predicted, drawn = _predictions(found), []
-    predicted.pop("URDF")  # another order of magnitude
+    t, torques = _curves(found)
+    measured = torques.pop("measured")
+    torques.pop("URDF")  # another order of magnitude
+    x, drawn = Range1d(t[0], t[-1]), []
     for k, name in enumerate(found.original.joint_names):
         chart = charts.chart(f"{name}: predicted less measured", "τ [N m]", x)
-        values = np.column_stack([torque[:, k] - tau[:, k] for torque in predicted.values()])
-        charts.lines(chart, t, values, list(predicted), first=1)
+        values = np.column_stack([torque[:, k] - measured[:, k] for torque in torques.values()])
+        charts.lines(chart, t, values, list(torques), first=2)  # the looks that they have among the torques
         drawn.append(chart)
     return drawn
 
 
 def _error(errors: Mapping[str, Errors], joint: int) -> str:
-    said = [f"{name} {100 * found.raw[joint]:.2f} %" for name, found in errors.items()]
+    said = [f"{name} {percent(found.raw[joint])} %" for name, found in errors.items()]
     return f": {', '.join(said)}" if said else ""
-
-
-def _time(found: Identified) -> Range1d:
-    assert found.torques is not None
-    return Range1d(float(found.torques.t[0]), float(found.torques.t[-1]))
 
 
 def _parameters(found: Identified) -> str:

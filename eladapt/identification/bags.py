@@ -54,6 +54,8 @@ def _chosen(path: Path, topics: list[str], topic: str | None) -> str:
 def _gathered(path: Path, messages: Sequence[Any], joints: tuple[str, ...]) -> dict[str, Any]:
     """The messages that hold all joints: those named, or those that most messages have."""
     wanted = joints or Counter(tuple(message.name) for message in messages).most_common(1)[0][0]
+    if not wanted:
+        raise LogError(f"{path}: its joint states name no joints")
     rows, times = [], []
     for message in messages:
         names = list(message.name)
@@ -62,7 +64,7 @@ def _gathered(path: Path, messages: Sequence[Any], joints: tuple[str, ...]) -> d
         at = [names.index(name) for name in wanted]
         parts = [np.asarray(getattr(message, part)) for part in ("position", "velocity", "effort")]
         rows.append([part[at] if len(part) == len(names) else np.full(len(at), np.nan) for part in parts])
-        times.append(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
+        times.append(10**9 * message.header.stamp.sec + message.header.stamp.nanosec)  # [ns]
     if not rows:
         legal = sorted({name for message in messages for name in message.name})
         raise UnknownNameError("joint of the bag", list(wanted), legal)
@@ -72,6 +74,6 @@ def _gathered(path: Path, messages: Sequence[Any], joints: tuple[str, ...]) -> d
     lost = len(messages) - len(rows)
     notes = [f"{lost} messages lack some of these joints, and were left out"] if lost else []
     return {
-        "t": np.array(times) - times[0], "q": q, "v": None if np.isnan(v).all() else v, "tau": tau,
-        "joint_names": wanted, "notes": notes,
+        "t": 1e-9 * (np.array(times) - times[0]), "q": q, "v": v, "tau": tau, "joint_names": wanted,
+        "notes": notes,
     }  # fmt: skip

@@ -17,7 +17,7 @@ from eladapt.estimation.friction import FrictionEstimate, friction_of
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.files import atomic_write
 from eladapt.identification.fitting import Fit
-from eladapt.identification.prediction import Errors, Torques
+from eladapt.identification.prediction import Errors, Torques, percent
 from eladapt.identification.rows import Column
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
@@ -83,12 +83,15 @@ class Identified:
     @functools.cached_property
     def merged(self) -> tuple[str, ...]:
         """Which links' inertias now stand in the link that carries them, a sentence each."""
-        return tuple(
-            f"{carrier} holds the inertia of {', '.join(others)} too, which move{'s' * (len(others) == 1)} "
-            "with it"
-            for carrier, others in self._bodies.values()
-            if others
-        )
+        said = []
+        for carrier, others in self._bodies.values():
+            if others:
+                move = "moves" if len(others) == 1 else "move"
+                said.append(f"{carrier} holds the inertia of {', '.join(others)} too, which {move} with it")
+                held = [joint for joint in self.original.locked if self._children.get(joint) in others]
+                if held:
+                    said[-1] += f" while {', '.join(held)} hold still: lock them in the new file too"
+        return tuple(said)
 
     def save_urdf(self, path: str | Path) -> Path:
         """Write the robot's file with the physical parameters, otherwise as it was, comments too.
@@ -138,7 +141,7 @@ class Identified:
             lines.append(" " * wide + "".join(f" {name[-10:]:>10}" for name in (*names, "all")))
             for name, errors in self.errors.items():
                 for kind, values in errors._asdict().items():
-                    cells = "".join(f" {100 * value:10.2f}" for value in values)
+                    cells = "".join(f" {percent(value):>10}" for value in values)
                     lines.append(f"{name:{wide}}{cells} {kind}")
         lines += [f"not told by the log: {said}" for said in self.untold]
         lines += self.notes
@@ -160,14 +163,19 @@ class Identified:
     def _bodies(self) -> dict[str, tuple[str, list[str]]]:
         """By joint, the link that it moves and those that hang on that one without a joint between."""
         model, found = self.original.model, {}
-        children = {
+        for k, joint in enumerate(self.original.joint_names, 1):
+            links = [f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == k]
+            carrier = self._children[joint]
+            found[joint] = (carrier, [link for link in links if link != carrier])
+        return found
+
+    @functools.cached_property
+    def _children(self) -> dict[str, str]:
+        """By joint, its child link."""
+        return {
             joint.get("name", ""): joint.find("child").get("link", "")  # type: ignore[union-attr]
             for joint in self.original.document().findall("joint")
         }
-        for k, joint in enumerate(self.original.joint_names, 1):
-            links = [f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == k]
-            found[joint] = (children[joint], [link for link in links if link != children[joint]])
-        return found
 
     @functools.cached_property
     def _edits(self) -> Edits:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,11 +15,14 @@ from eladapt.identification.found import Identified
 from eladapt.identification.learned import learned
 from eladapt.identification.log import Log
 from eladapt.identification.log_check import remarks
-from eladapt.identification.prediction import errors_of, torques_of
+from eladapt.identification.prediction import doubts, errors_of, torques_of
 from eladapt.identification.rows import Column, rows_of
 from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
+
+if TYPE_CHECKING:
+    from eladapt.identification.physical import PhysicalBodies
 
 WINDOW = 0.1  # [s] of one average
 STICTION_SPEED = 0.01  # [rad/s]
@@ -51,30 +54,42 @@ def identify(
     the URDF's that fit as well (extra ``identify``), which `Identified.robot` and `Identified.save_urdf`
     need.
 
-    Warns (LogWarning) of what looks wrong in the log. Raises ArgumentError for a log at rest, without torque,
-    or with fewer rows than parameters; UnknownNameError for joints that it does not have.
+    Warns (LogWarning) of what looks wrong in the log, and of parameters that do not explain it. Raises
+    ArgumentError for a log at rest, without torque, or with fewer rows than parameters; UnknownNameError for
+    joints that it does not have.
     """
+    if not isinstance(robot, Robot):
+        raise ArgumentError(f"robot: expected a Robot, got {type(robot).__name__}")
     regressors = Regressors(robot, joint_terms=joint_terms)
+    if columns is not None and not isinstance(columns, Mapping):
+        raise ArgumentError(f"columns: expected functions by name, got {type(columns).__name__}")
     own = dict(columns or {})
+    if taken := [name for name in own if name in regressors.names]:
+        raise ArgumentError(f"columns: {', '.join(taken)} is a parameter already; name it otherwise")
     labels = (*regressors.labels, *own)
+    bodies = _bodies(regressors, len(own)) if physical else None  # says what is missing before the work
     if not isinstance(log, Log):
         if own:
             raise ArgumentError("columns: a controller's state knows nothing of them; leave them out")
         found = learned(regressors, log)
-        return _identified(robot, regressors, found, labels, own, physical)
+        return _identified(robot, regressors, found, labels, own, bodies)
     log = log.of(robot)
     if not np.any(log.tau):
         raise ArgumentError("log: its torques are all zero; say which columns are torques, or give gains=")
     told = remarks(log, robot)
     for remark in told:
         warnings.warn(f"log of {robot.name}: {remark}", LogWarning, stacklevel=2)
-    window = require_number("window", window, 2 * log.dt)
+    if require_number("window", window, 0) <= 2 * log.dt:
+        raise ArgumentError(
+            f"window: expected more than two steps of the log, {2 * log.dt:.3g} s, got {window:g} s; is its "
+            "t in seconds?"
+        )
     speed = require_number("stiction_speed", stiction_speed, 0)
     first, last = log.parts(held_out)
     rows = rows_of(first, regressors, own, window=window, stiction_speed=speed, progress=progress)
     start = np.concatenate([regressors.theta, np.zeros(len(own))])
     found = fit(rows, start)
-    whole = _identified(robot, regressors, found, labels, own, physical)
+    whole = _identified(robot, regressors, found, labels, own, bodies)
     judged = first if last is None else last
     if last is not None:
         rows = rows_of(judged, regressors, own, window=window, stiction_speed=speed, progress=progress)
@@ -82,21 +97,26 @@ def identify(
     by = {"URDF": start, "identified": found.theta}
     if whole.physical is not None:
         by["physical"] = whole.physical
+    errors = {name: errors_of(rows, torques, theta) for name, theta in by.items()}
+    for doubt in doubts(errors):
+        warnings.warn(f"log of {robot.name}: {doubt}", LogWarning, stacklevel=2)
     return dataclasses.replace(
-        whole, errors={name: errors_of(rows, torques, theta) for name, theta in by.items()},
-        torques=torques, held_out=held_out, notes=(*log.notes, *told),
+        whole, errors=errors, torques=torques, held_out=held_out,
+        notes=(*log.notes, *told, *doubts(errors)),
     )  # fmt: skip
+
+
+def _bodies(regressors: Regressors, own: int) -> PhysicalBodies:
+    from eladapt.identification.physical import PhysicalBodies
+
+    return PhysicalBodies(regressors, own)
 
 
 def _identified(
     robot: Robot, regressors: Regressors, found: Fit, labels: tuple[str, ...], own: Mapping[str, Column],
-    physical: bool,
+    bodies: PhysicalBodies | None,
 ) -> Identified:  # fmt: skip
-    parameters, theta = None, None
-    if physical:
-        from eladapt.identification.physical import PhysicalBodies
-
-        parameters, theta = PhysicalBodies(regressors, len(own)).nearest(found.theta, found.triangle)
+    parameters, theta = (None, None) if bodies is None else bodies.nearest(found.theta, found.triangle)
     return Identified(
         robot, regressors, found, labels, directions(found.untold, (*regressors.names, *own)), physical=theta,
         parameters=parameters, columns=dict(own),

@@ -17,6 +17,8 @@ from eladapt.robot.model import Robot
 
 FEWEST = 10  # samples
 GAP = 5.0  # times the median step: a longer one is a gap, over which nothing is known
+JUMP = 1.5 * np.pi  # [rad] from one sample to the next is no motion, but a position within one turn
+NAMED = 3  # columns that a note names
 DERIVATIVE_TIME, DERIVATIVE_ORDER = 0.06, 3  # [s] of the window that fits positions to tell velocities
 
 
@@ -29,10 +31,11 @@ class Log:
     as a controller commands it; otherwise it was measured at t.
 
     What a recording lacks is dealt with by rule, and ``notes`` says where: samples with a number that is none
-    are left out, and so are those with the stamp of the sample before. Without v (None) it is the derivative
-    of q, by a polynomial of the third degree through 60 ms around each sample (Savitzky and Golay 1964), on
-    each side of a gap for itself. A step of more than five times the median is a gap. Raises ArgumentError
-    for shapes that do not agree, stamps that go back, and what is left of too few samples.
+    are left out, and so are those with the stamp of the sample before. Without v (None, or all nan) it is the
+    derivative of q, by a polynomial of the third degree through 60 ms around each sample (Savitzky and Golay
+    1964), on each side of a gap for itself. A step of more than five times the median is a gap. A position
+    that jumps by a turn, as that of a continuous joint, goes on without it until the next gap. Raises
+    ArgumentError for shapes that do not agree, stamps that go back, and what is left of too few samples.
     """
 
     t: np.ndarray
@@ -46,8 +49,8 @@ class Log:
     def __post_init__(self) -> None:
         t = _table("t", self.t, 1)
         arrays = {"q": _table("q", self.q, 2), "tau": _table("tau", self.tau, 2)}
-        if self.v is not None:
-            arrays["v"] = _table("v", self.v, 2)
+        if self.v is not None and not np.isnan(v := _table("v", self.v, 2)).all():
+            arrays["v"] = v
         shape = (len(t), arrays["q"].shape[1])
         for name, array in arrays.items():
             if array.shape != shape:
@@ -58,12 +61,16 @@ class Log:
         if names and (len(names) != shape[1] or len(set(names)) != shape[1]):
             raise ArgumentError(f"joint_names: expected {shape[1]} different names, got {', '.join(names)}")
         notes = list(self.notes)
-        t, arrays = _sound(t, arrays, notes)
+        t, arrays = _sound(t, arrays, notes, names)
         if len(t) < FEWEST:
-            raise ArgumentError(f"t: expected at least {FEWEST} samples with finite numbers, got {len(t)}")
+            raise ArgumentError(
+                f"t: expected at least {FEWEST} samples with finite numbers, got {len(t)}"
+                + "".join(f"; {note}" for note in notes[len(self.notes) :])
+            )
         for name, value in (("t", t), ("joint_names", names), *arrays.items()):
             object.__setattr__(self, name, value)
-        if self.v is None:
+        self._put_together(notes)
+        if "v" not in arrays:
             object.__setattr__(self, "v", self._derivative())
             notes.append(
                 f"no velocities: they are the derivative of the positions, over {DERIVATIVE_TIME:g} s"
@@ -153,6 +160,12 @@ class Log:
         if not share:
             return self, None
         cut = self.t[-1] - share * (self.t[-1] - self.t[0])
+        last = int(np.sum(self.t >= cut))
+        if min(last, len(self) - last) < FEWEST:
+            raise ArgumentError(
+                f"held_out: {share:g} of the log's time would part its {len(self)} samples into "
+                f"{len(self) - last} and {last}; each needs {FEWEST}. Hold out another share, or none (0)"
+            )
         return self.between(-np.inf, cut), self.between(cut, np.inf)
 
     def check(self, robot: Robot) -> tuple[str, ...]:
@@ -166,6 +179,16 @@ class Log:
         from eladapt.display.motions import plot_log
 
         return plot_log(self, path)
+
+    def _put_together(self, notes: list[str]) -> None:
+        """Positions that go on where they jump by a turn from one sample to the next, in place."""
+        before = self.q.copy()
+        for piece in self.segments:
+            self.q[piece] = np.unwrap(self.q[piece], discont=JUMP, axis=0)
+        jumping = np.flatnonzero(np.abs(self.q - before).max(axis=0) > JUMP)
+        if jumping.size:
+            named = ", ".join(_joint(self.joint_names, int(k)) for k in jumping)
+            notes.append(f"positions of {named} jump by a turn from one sample to the next, and go on")
 
     def _derivative(self) -> np.ndarray:
         """(N, n) dq/dt, on an even grid of the median step within each piece, and back."""
@@ -185,6 +208,10 @@ class Log:
         return found
 
 
+def _joint(names: Sequence[str], k: int) -> str:
+    return names[k] if names else f"joint {k + 1}"
+
+
 def _table(name: str, value: Any, dimensions: int) -> np.ndarray:
     try:
         array = np.array(value, dtype=float)
@@ -197,13 +224,18 @@ def _table(name: str, value: Any, dimensions: int) -> np.ndarray:
 
 
 def _sound(
-    t: np.ndarray, arrays: dict[str, np.ndarray], notes: list[str]
+    t: np.ndarray, arrays: dict[str, np.ndarray], notes: list[str], joint_names: Sequence[str]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """The samples whose numbers are finite and whose stamps are new."""
-    rows = np.column_stack([t, *arrays.values()])
-    finite = np.isfinite(rows).all(axis=1)
+    wrong = {"t": ~np.isfinite(t)}
+    for name, array in arrays.items():
+        for k, column in enumerate(array.T):
+            wrong[f"{name} of {_joint(joint_names, k)}"] = ~np.isfinite(column)
+    finite = ~np.any(list(wrong.values()), axis=0)
     if lost := int(np.sum(~finite)):
-        notes.append(f"{lost} of {len(t)} samples have a number that is none, and were left out")
+        where = [name for name, samples in wrong.items() if samples.any()]
+        named = ", ".join(where[:NAMED]) + (f" and {len(where) - NAMED} more" if where[NAMED:] else "")
+        notes.append(f"{lost} of {len(t)} samples have a number that is none ({named}), and were left out")
     kept = np.flatnonzero(finite)
     steps = np.diff(t[kept])
     if (back := np.flatnonzero(steps < 0)).size:

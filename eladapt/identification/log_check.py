@@ -14,7 +14,7 @@ ONE_WAY = 0.01  # of the time, in which a joint that moves one way moves the oth
 BEYOND = 0.02  # of a joint's range
 TURN = 2 * np.pi
 FASTER = 1.1  # times a speed limit
-CONSTANT = 0.01  # of the samples, at one extreme torque: it is cut off there
+CONSTANT, TIMES = 0.01, 10  # of the samples, and how many at least, at one extreme: it is cut off there
 SLOW = 0.05  # [s]
 UNITS = ((180 / np.pi, "degrees"), (1000.0, "thousandths, as of mm, mN m or ms"))
 NEAR_UNIT = 1.25  # by which factor a ratio may differ from a unit's
@@ -85,7 +85,7 @@ def _torques(log: Log, robot: Robot) -> Iterator[str]:
             continue
         for extreme in (tau.max(), tau.min()):
             share = float(np.mean(tau == extreme))
-            if share > CONSTANT and np.ptp(tau) > 0:
+            if share > CONSTANT and share * len(log) >= TIMES and np.ptp(tau) > 0:
                 yield f"{name}: its torque is cut off at {extreme:.4g} N m in {share:.0%} of the samples"
         if np.abs(tau).max() > FASTER * robot.effort_limit[k]:
             yield (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,18 +10,20 @@ from typing import Any
 import numpy as np
 
 from eladapt.errors import ArgumentError, EladaptError, LogError, UnknownNameError, require_vector
-from eladapt.files import open_regular, read_bytes
+from eladapt.files import open_regular
 from eladapt.identification.log import Log
-from eladapt.identification.log_headers import found_columns, mapped_columns
+from eladapt.identification.log_tables import MOST_BYTES, read_table
 from eladapt.records.archive import HEADER
 from eladapt.records.record import Record
 
-MOST_BYTES = 1 << 30
-DELIMITERS = (",", ";", "\t", " ")
 KEYS = {  # of an .npz, the first that is there
     "t": ("t", "time", "timestamp"), "q": ("q", "pos", "position"), "v": ("v", "dq", "qd", "vel", "velocity"),
     "tau": ("tau", "torque", "effort"), "current": ("current",),
 }  # fmt: skip
+
+
+TODAY = 1e9, 4e9  # [s] since 1970, in which logs are made: from 2001 to 2096
+EPOCH = ((1e9, "nanoseconds"), (1e6, "microseconds"), (1e3, "milliseconds"), (1.0, "seconds"))
 
 
 def read_log(
@@ -37,22 +38,27 @@ def read_log(
 ) -> Log:
     """A log from a file.
 
-    .csv, .tsv, .txt: one sample a row; the delimiter (comma, semicolon, tab, blanks) is found. With a header,
-    its names say what a column is: a word for time (t, time, timestamp), position (q, pos, position),
-    velocity (v, dq, qd, vel, velocity), torque (tau, torque, effort) or current, and what is left names the
-    joint, as in ``q3``, ``dq[3]``, ``actual_qd_3``, ``/joint_states/position/elbow``. Without one they are t,
-    then all q, all v and all tau. ``columns`` says it otherwise: {"t": ..., "q": ..., "v": ..., "tau": ...},
-    each a list of header names or numbers from 0, or a pattern such as "actual_q_*"; v may be left out.
-    A cell that is empty or nan makes its sample be left out; any other text is an error with its line; a last
-    line that is cut short is left out. The notes of the log say what was.
+    .csv, .tsv, .txt: one sample a row; the delimiter (comma, semicolon, tab, blanks) is found; unless it is
+    the comma, commas are decimal. With a header, its names say what a column is: a word for time (t, time,
+    timestamp), position (q, pos, position), velocity (v, dq, qd, vel, velocity), torque (tau, torque, effort)
+    or current, and what is left names the joint, as in ``q3``, ``dq[3]``, ``actual_qd_3``,
+    ``/joint_states/position/elbow``; numbered joints are taken in the order of their numbers. What was asked
+    for (target, desired, command) counts only where nothing of its kind was measured. Other columns may hold
+    anything. Without a header they are t, then all q, all v and all tau, or as ``ros2 topic echo --csv``
+    writes them. ``columns`` says it otherwise: {"t": ..., "q": ..., "v": ..., "tau": ...}, each a list of
+    header names or numbers from 0, or a pattern such as "actual_q_*", whose star stands for the joint; v may
+    be left out. Lines that begin with # or % are comments; a line of units below the header is left out, and
+    so is a last line that is cut short. A cell that is empty or nan makes its sample be left out; any other
+    text is an error with its line. The notes of the log say what was. Stamps since 1970, in seconds,
+    milli-, micro- or nanoseconds, are counted from the first one on.
 
     .npz: arrays t, q, v (or dq, qd), tau (or torque, effort), and joint_names. A record of `Record.save`: its
     true motion. A folder or .mcap, .db3, .bag: sensor_msgs/JointState messages (extra ``ros``), of ``topic``
     where there are several; those that lack joints which others have are left out.
 
-    joint_names: of the columns, where the file does not say. gains: torque by current [N m/A], a number, one
-    a joint, or by name; then the current takes the torque's place. degrees: positions and velocities are in
-    degrees. held: see `Log`.
+    joint_names: of the columns, where the file does not say; of a bag, which joints. gains: torque by current
+    [N m/A], a number, one a joint, or by name; then the current takes the torque's place. degrees: positions
+    and velocities are in degrees. held: see `Log`.
 
     Raises LogError, naming the file, and the line where there is one; FileNotFoundError.
     """
@@ -61,16 +67,22 @@ def read_log(
         raise FileNotFoundError(2, "no such log", str(path))
     suffix = path.suffix.lower()
     try:
+        table = {"columns": columns}
         if path.is_dir() or suffix in (".mcap", ".db3", ".bag"):
+            _require_no(path, table, "a bag, whose messages say what a number is")
             from eladapt.identification.bags import read_bag
 
             given = read_bag(path, topic, joint_names)
         elif suffix == ".npz":
+            _require_no(path, {**table, "topic": topic}, "an .npz, whose arrays have names")
             if _is_record(path):
+                made = {"joint_names": joint_names, "gains": gains, "degrees": degrees}
+                _require_no(path, made, "a record, in SI units")
                 return Log.from_record(Record.load(path))
             given = _read_npz(path)
         else:
-            given = _read_text(path, columns)
+            _require_no(path, {"topic": topic}, "a table, not a bag")
+            given = read_table(path, columns)
         return _log(given, joint_names, gains, degrees, held)
     except LogError:
         raise
@@ -96,82 +108,26 @@ def _log(given: dict[str, Any], joint_names: Sequence[str], gains: Any, degrees:
             if unknown := [name for name in names if name not in gains]:
                 raise UnknownNameError("joint of gains", unknown, list(gains))
             gains = [gains[name] for name in names]
-        tau = tau * require_vector("gains", np.broadcast_to(gains, (n,)), n)
+        tau = tau * require_vector("gains", np.full(n, gains) if np.ndim(gains) == 0 else gains, n)
         notes.append("torques are currents times the gains given")
     unit = np.pi / 180 if degrees else 1.0
-    v = given.get("v")
-    return Log(given["t"], given["q"] * unit, None if v is None else v * unit, tau, names, held, tuple(notes))
+    t, v = _seconds(np.asarray(given["t"], dtype=float), notes), given.get("v")
+    return Log(t, given["q"] * unit, None if v is None else v * unit, tau, names, held, tuple(notes))
 
 
-def _read_text(path: Path, columns: Mapping[str, Any] | None) -> dict[str, Any]:
-    lines = read_bytes(path, MOST_BYTES).decode("utf-8-sig", "replace").splitlines()
-    numbered = [
-        (number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("%")
-    ]
-    if not numbered:
-        raise LogError(f"{path}: it is empty")
-    header, delimiter = _header(numbered)
-    if header:
-        numbered = numbered[1:]
-    if not numbered:
-        raise LogError(f"{path}: it has a header, and no samples")
-    width = len(_cells(numbered[0][1], delimiter))
-    chosen = mapped_columns(header, width, columns) if columns else found_columns(header, width)
-    table, notes = _numbers(path, numbered, delimiter, width)
-    found: dict[str, Any] = {"notes": notes, "joint_names": chosen.joint_names}
-    for name, which in chosen.of.items():
-        found[name] = table[:, which[0]] if name == "t" else table[:, list(which)]
-    return found
+def _seconds(t: np.ndarray, notes: list[str]) -> np.ndarray:
+    """Stamps of a clock that counts from 1970, in whatever unit, from the first on; others as they are."""
+    for unit, name in EPOCH:
+        if t.ndim == 1 and t.size and unit * TODAY[0] < t[0] < unit * TODAY[1]:
+            notes.append(f"stamps are {name} since 1970, and were counted from the first on")
+            return (t - t[0]) / unit
+    return t
 
 
-def _header(numbered: Sequence[tuple[int, str]]) -> tuple[list[str], str]:
-    """The names of the first line, none where it is a sample, and the delimiter."""
-    first, second = numbered[0][1].lstrip("#").strip(), numbered[min(1, len(numbered) - 1)][1]
-    counts = {mark: second.count(mark) for mark in DELIMITERS}
-    delimiter = next((mark for mark in DELIMITERS if counts[mark]), " ")
-    cells = _cells(first, delimiter)
-    return ([] if all(_is_number(cell) for cell in cells) else [cell.strip() for cell in cells]), delimiter
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    return next(csv.reader([line], delimiter=delimiter))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell or "nan")
-    except ValueError:
-        return False
-    return True
-
-
-def _numbers(
-    path: Path, numbered: Sequence[tuple[int, str]], delimiter: str, width: int
-) -> tuple[np.ndarray, list[str]]:
-    """(N, width) and notes. Raises LogError with the line that is no sample."""
-    try:
-        table = np.loadtxt(
-            [line for _, line in numbered], delimiter=None if delimiter == " " else delimiter, ndmin=2
-        )
-        return table, []
-    except ValueError:
-        pass  # line by line, to say which
-    rows: list[list[float]] = []
-    notes: list[str] = []
-    for number, line in numbered:
-        cells = _cells(line, delimiter)
-        wrong = next((cell for cell in cells if not _is_number(cell.strip())), None)
-        if wrong is None and len(cells) == width:
-            rows.append([float(cell) if cell.strip() else np.nan for cell in cells])
-        elif number == numbered[-1][0] and rows:
-            notes.append(f"line {number}, the last one, is cut short, and was left out")
-        elif wrong is not None:
-            raise LogError(f"{path}, line {number}: expected numbers, got {wrong!r}")
-        else:
-            raise LogError(f"{path}, line {number}: expected {width} columns, as before, got {len(cells)}")
-    return np.array(rows), notes
+def _require_no(path: Path, options: Mapping[str, Any], why: str) -> None:
+    """Raises ArgumentError for options that would not count."""
+    if given := [name for name, value in options.items() if value]:
+        raise ArgumentError(f"{', '.join(given)}: {path.name} is {why}; leave it out")
 
 
 def _is_record(path: Path) -> bool:

@@ -49,7 +49,8 @@ class Physical(Around):
     between makes the answer void.
 
     executor: computes the answers beside the loop, as ``ProcessPoolExecutor(1)``; one that is late counts
-    when it is there. None computes them in the step that asks, for simulation and for slow loops.
+    when it is there, and where the executor is shut down or its process died, the controller goes on alone.
+    None computes them in the step that asks, for simulation and for slow loops.
     Inside a gate: ``GatedController(Physical(controller), ...)``. Raises ArgumentError for another
     controller.
     """
@@ -107,7 +108,10 @@ class Physical(Around):
         if self.executor is None:
             return state._replace(answer=_nearest(self._bodies, question, triangle))
         number = max(self._answers, default=0) + 1
-        self._answers[number] = self.executor.submit(_nearest, self._bodies, question, triangle)
+        try:
+            self._answers[number] = self.executor.submit(_nearest, self._bodies, question, triangle)
+        except RuntimeError:  # broken, or shut down: the controller goes on without it
+            return state._replace(waiting=False)
         return state._replace(number=number)
 
     def _answered(self, state: PhysicalState) -> PhysicalState:

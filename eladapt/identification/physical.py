@@ -111,7 +111,10 @@ class PhysicalBodies:
         )  # fmt: skip
         found = solver.solve()
         if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
-            raise EladaptError(f"no physical parameters found: the solver says {found.status}")
+            raise EladaptError(
+                f"no physical parameters found (the solver says {found.status}): what fits is too far from "
+                "any body; are the torques' sign and unit right? Without them: physical=False"
+            )
         step = scipy.linalg.solve_triangular(root, np.array(found.x))
         return np.asarray((loosest + step) * unit)
 

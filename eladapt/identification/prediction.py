@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,8 @@ from eladapt.identification.rows import Column, Rows, extended
 from eladapt.regressors.regressors import Regressors
 
 CUTOFF = 10.0  # [Hz] of the zero-phase filter, forwards and backwards, of the second order each
+POOR = 0.25  # of the torques, that parameters leave: real arms' leave some 0.02 to 0.1
+WORSE, LITTLE = 1.5, 0.05  # times another error and more, what a short log does by chance
 MARGIN = 0.2  # [s] at both ends of a piece, which the filter does not see as they are
 PER_SECOND = 50.0  # instants that are looked at
 
@@ -74,6 +76,33 @@ def errors_of(rows: Rows, torques: Torques, theta: np.ndarray) -> Errors:
         _relative(rows.omega @ theta - rows.y, rows.y),
         _relative(torques.regressor @ theta - torques.tau, torques.tau),
     )
+
+
+def percent(error: float) -> str:
+    """A relative error in percent; a dash where there was nothing to compare."""
+    return f"{100 * error:.2f}" if np.isfinite(error) else "-"
+
+
+def doubts(errors: Mapping[str, Errors]) -> Iterator[str]:
+    """A sentence for each set of parameters that nobody should use, by their names in `Identified.errors`."""
+    whole = {name: float(found.filtered[-1]) for name, found in errors.items()}
+    urdf, identified = whole["URDF"], whole["identified"]
+    if identified > POOR:
+        yield (
+            f"the parameters leave {identified:.0%} of the torques: is it this robot's log, with joints in "
+            "its order, radians, and torques of the motors?"
+        )
+    elif identified > WORSE * urdf + LITTLE:
+        yield (
+            f"the parameters predict worse than the URDF's, {identified:.1%} instead of {urdf:.1%}: the log "
+            "is too short, or tells too little"
+        )
+    physical = whole.get("physical", 0.0)
+    if physical > WORSE * identified + LITTLE:
+        yield (
+            f"no bodies that can be fit the log: {physical:.0%} of the torques are left, {identified:.1%} "
+            "without that condition; are the torques' unit and sign right, and the URDF's lengths?"
+        )
 
 
 def _relative(wrong: np.ndarray, right: np.ndarray) -> np.ndarray:

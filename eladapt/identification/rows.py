@@ -87,9 +87,11 @@ def rows_of(
                 y[i] += share * counts * torque
                 weight[i] += share
                 moving[i] += share * counts
-    holds = moving >= FEWEST * weight[:, None]
-    omega *= np.where(holds, 1 / weight[:, None], 0)[:, :, None]
-    y *= np.where(holds, 1 / weight[:, None], 0)
+    # a window shorter than a step may have none of its middles
+    holds = (weight[:, None] > 0) & (moving >= FEWEST * weight[:, None])
+    share = np.divide(1, weight[:, None], out=np.zeros(holds.shape), where=holds)
+    omega *= share[:, :, None]
+    y *= share
     return Rows(middles, y, omega, holds)
 
 

@@ -140,15 +140,19 @@ class Robot:
         )
 
     def edited(self, edits: Edits) -> Robot:
-        """The same with other inertias, friction and rotors; those of earlier edits stay where these are
-        silent."""
+        """The same with other inertias, friction and rotors.
+
+        Where these are silent, earlier edits stay, and so do links that were weighed or mended. Raises what
+        `from_urdf` raises, and UnknownNameError for links, joints and dynamics that there are not.
+        """
         before = self.edits or Edits()
+        weighed = {link: body.toDynamicParameters().tolist() for link, body in self.weighed.items()}
         joints = {**before.dynamics, **edits.dynamics}
         merged = Edits(
-            {**before.inertials, **edits.inertials},
+            {**weighed, **before.inertials, **edits.inertials},
             {name: {**before.dynamics.get(name, {}), **edits.dynamics.get(name, {})} for name in joints},
         )
-        options = {**self._options(), "edits": merged, "mend": False, "density": None}
+        options = {**self._options(), "edits": merged, "density": None}
         given = {name for name, values in merged.dynamics.items() if "armature" in values}
         options["armature"] = {n: a for n, a in options["armature"].items() if n not in given}
         return Robot.from_urdf(options.pop("urdf"), **options)

@@ -69,10 +69,13 @@ def read_urdf(path: str | Path, edits: Edits | None = None) -> Element:
 
 
 def edited_urdf(path: str | Path, edits: Edits) -> bytes:
-    """The file's text, with these edits and otherwise as it is. Raises UrdfError as `read_urdf`."""
-    text = _as_utf8(_read_bytes(Path(path)))
+    """The file's text, with these edits and otherwise as it is.
+
+    Raises UrdfError as `read_urdf`, and what `edited` raises.
+    """
+    text = _read_bytes(Path(path))
     _parse_xml(Path(path), text)
-    return edited(text, edits)
+    return edited(_as_utf8(text), edits)
 
 
 class Checked(NamedTuple):

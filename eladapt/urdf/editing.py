@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 from xml.parsers import expat
 
-import numpy as np
 import pinocchio as pin
 
+from eladapt.errors import UnknownNameError, require_vector
+
 AXES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+DYNAMICS = ("damping", "friction", "armature")
 
 
 class Edits(NamedTuple):
@@ -44,15 +46,26 @@ def inertial_text(body: pin.Inertia) -> str:
 
 
 def edited(text: bytes, edits: Edits) -> bytes:
-    """The text of a URDF that has been found sound, with these edits."""
+    """The text of a URDF that has been found sound, with these edits.
+
+    Raises UnknownNameError for links, joints and dynamics that there are not, ArgumentError for an inertia
+    that is not ten numbers.
+    """
     text = _plain(text)
     elements = _Elements(text)
+    elements.require("link", edits.inertials)
+    elements.require("joint", edits.dynamics)
+    for joint, given in edits.dynamics.items():
+        if unknown := [name for name in given if name not in DYNAMICS]:
+            raise UnknownNameError(f"dynamics of {joint}", unknown, DYNAMICS)
     pieces: list[tuple[int, int, bytes]] = []
     for link, parameters in edits.inertials.items():
         new = (
             ""
             if parameters is None
-            else inertial_text(pin.Inertia.FromDynamicParameters(np.array(parameters)))
+            else inertial_text(
+                pin.Inertia.FromDynamicParameters(require_vector(f"inertials of {link}", parameters, 10))
+            )
         )
         if new or ("link", link, "inertial") in elements.parts:
             pieces.append(elements.replaced("link", link, "inertial", new))
@@ -79,6 +92,13 @@ class _Elements:
         self._parser.StartElementHandler = self._opened
         self._parser.EndElementHandler = self._closed
         self._parser.Parse(text, True)
+
+    def require(self, tag: str, names: Iterable[str]) -> None:
+        """Raises UnknownNameError for names that no element of this tag has."""
+        if unknown := [name for name in names if (tag, name) not in self.parts]:
+            raise UnknownNameError(
+                tag, unknown, [key[1] for key in self.parts if key[0] == tag and not key[2:]]
+            )
 
     def replaced(self, tag: str, name: str, child: str, new: str) -> tuple[int, int, bytes]:
         """(start, end, bytes): what takes the place of a child, or is put in as the last one."""

@@ -67,6 +67,7 @@ def test_links_that_move_together_are_said_so():
     found = ea.identify(robot, known_log(robot), held_out=0, progress=False)
     (said,) = found.merged
     assert said.startswith("panda_link7 holds the inertia of panda_link8, panda_hand, panda_leftfinger")
+    assert "while panda_finger_joint1, panda_finger_joint2 hold still: lock them in the new file too" in said
     loose = ea.identify(robot, known_log(robot), held_out=0, physical=False, progress=False)
     with pytest.raises(EladaptError, match="no physical parameters"):
         loose.save_urdf("never.urdf")
@@ -78,6 +79,41 @@ def test_the_report_says_what_was_found(identified, tmp_path):
     for said in ("Torque error", "What the log does not tell", "standard deviation", "rotor [kg m"):
         assert said in page
     assert "http-equiv" in page
+
+
+def test_the_curves_of_a_page_have_gaps_and_one_look_each(tmp_path, monkeypatch):
+    """Of a log by a clock that counts from 1970, of which single precision knows 128 s."""
+    robot, log = load("two_link"), known_log(load("two_link"), 8.0, dt=4e-3)
+    kept = (log.t < 3) | (log.t > 4)
+    parts = {name: getattr(log, name)[kept] for name in ("q", "v", "tau")}
+    found = ea.identify(robot, ea.Log(1.7e9 + log.t[kept], **parts), held_out=0, progress=False)
+    pages = {}
+    monkeypatch.setattr(
+        "eladapt.display.identification_report.write_page", lambda path, title, shown: pages.update(shown)
+    )
+    found.report(tmp_path / "page.html")
+    looks = {}
+    for name in ("Torques", "Residuals"):
+        figures = [figure for figure, *_ in pages[name].children]
+        assert len(figures) == robot.nv
+        for line in (line for figure in figures for line in figure.renderers):
+            t, y = line.data_source.data["t"], line.data_source.data["y"]
+            assert np.isnan(y).sum() == 1
+            assert 2.6 < t[np.isnan(y)][0] < 4.4  # margins of 0.2 s on both sides of the gap
+            assert len(set(t)) > 0.95 * len(t)
+            looks.setdefault(line.name, set()).add((line.glyph.line_color, str(line.glyph.line_dash)))
+    assert all(len(seen) == 1 for seen in looks.values())
+    assert set(looks) == {"measured", "URDF", "identified", "physical"}
+
+
+def test_the_page_of_a_controllers_state_does_not_speak_of_a_log(tmp_path):
+    robot = load("two_link")
+    controller = ea.CompositeController.for_robot(robot)
+    state = controller.init(ea.Measurement(0.0, robot.configuration(robot.home), np.zeros(2), np.zeros(2)))
+    page = ea.identify(robot, state).report(tmp_path / "page.html").read_text()
+    assert "two_link, from its run" in page
+    assert "What the run does not tell" in page
+    assert "Sample by sample" not in page
 
 
 def test_the_command(tmp_path, capsys):
@@ -97,6 +133,18 @@ def test_the_command(tmp_path, capsys):
     assert main(["check", str(new)]) == 0
     model = ea.Robot.from_urdf(new).model
     assert isinstance(model, pin.Model)
+
+
+def test_the_command_takes_columns_by_number_name_and_pattern(tmp_path, capsys):
+    log = known_log(load("two_link"), 6.0, dt=4e-3)
+    rows = np.column_stack([log.q, log.t, log.velocity, log.tau])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header="a,b,clock,v_1,v_2,x1,x2", comments="")
+    columns = ["--column", "q=0", "--column", "q=b", "--column", "t=clock", "--column", "v=v_*"]
+    assert main(["identify", "two_link", str(path), *columns, "--column", "tau=x1,x2"]) == 0
+    assert re.search(r"^identified .* raw$", capsys.readouterr().out, re.MULTILINE)
+    assert main(["identify", "two_link", str(path), *columns, "--column", "tau=x1,7"]) == 1
+    assert "unknown column of tau '7'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """Logs tell the parameters of the arm that made them, how sure they are, and what they do not tell."""
 
 import dataclasses
+import re
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from known_logs import ALL, COULOMB, OFFSET, VISCOUS, heavier, known_log, truth
 from shared import load
 
 import eladapt as ea
-from eladapt.errors import ArgumentError, LogWarning
+from eladapt.errors import ArgumentError, EladaptError, LogWarning
 from eladapt.identification.rows import rows_of
 from eladapt.regressors.standard import pseudo_inertia
 
@@ -25,6 +27,17 @@ def test_rows_hold_without_acceleration(name):
     assert rows.holds.mean() > 0.5
     assert not rows.omega[~rows.holds].any()
     assert np.abs(rows.omega @ truth(regressors) - rows.y).max() < 1e-5 * np.abs(rows.y).max()
+
+
+def test_a_window_between_the_samples_of_a_slow_log_has_no_row():
+    """25 Hz with lost messages: some windows of 0.1 s lie within a step of 0.2 s. Nothing is nan, and the
+    torques that are left are right but for what the acceleration does within a step."""
+    robot, log = load("ur5"), known_log(load("ur5"), 16.0, dt=5e-3)
+    kept = np.flatnonzero(np.random.default_rng(0).uniform(size=len(log) // 8) > 0.3) * 8
+    slow = dataclasses.replace(log, t=log.t[kept], q=log.q[kept], v=log.v[kept], tau=log.tau[kept])
+    assert len(slow.segments) == 1
+    found = ea.identify(robot, slow, progress=False)
+    assert found.errors["identified"].filtered[-1] < 0.05
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -92,6 +105,8 @@ def test_what_a_log_does_not_tell_stays_and_is_named():
         assert any(f"{term}(wrist_1_joint)" in said for said in found.untold)
     assert np.isfinite(found.std[found.regressors.block("viscous").start])
     assert "not told by the log" in str(found)
+    assert np.isnan(found.errors["identified"].filtered[3])
+    assert re.search(r"^identified( +[\d.]+){3} +-( +[\d.]+){3} filtered$", str(found), re.MULTILINE)
 
 
 def test_columns_of_ones_own():
@@ -113,8 +128,38 @@ def test_columns_of_ones_own():
     assert found.errors["identified"].filtered[-1] < 1e-3
     without = ea.identify(robot, log, progress=False)
     assert without.errors["identified"].filtered[4] > 0.02
+    with pytest.raises(ArgumentError, match=r"columns: viscous\(elbow_joint\) is a parameter already"):
+        ea.identify(robot, log, columns={"viscous(elbow_joint)": lambda q, v, a: v}, progress=False)
+    with pytest.raises(ArgumentError, match="columns: expected functions by name, got list"):
+        ea.identify(robot, log, columns=["x"], progress=False)
     with pytest.raises(ArgumentError, match="columns: 'x' should give 6 finite numbers"):
         ea.identify(robot, log, columns={"x": lambda q, v, a: 1.0}, progress=False)
+
+
+def test_a_log_that_the_parameters_do_not_explain_is_doubted():
+    """Joints in another order, and torques of the other sign: least squares explain these, no bodies do."""
+    robot, log = load("ur5"), known_log(load("ur5"), 16.0)
+    wrong = dataclasses.replace(log, q=log.q[:, ::-1], v=log.v[:, ::-1], tau=log.tau[:, ::-1])
+    with pytest.warns(LogWarning, match="is it this robot's log"):
+        found = ea.identify(robot, wrong, progress=False)
+    assert any("is it this robot's log" in note for note in found.notes)
+    with pytest.warns(LogWarning, match="no bodies that can be fit the log"):
+        ea.identify(robot, known_log(robot, 16.0, noise=0.5, sign=-1), progress=False)
+    assert not ea.identify(robot, log, progress=False).notes
+
+
+def test_a_library_that_is_missing_is_said_before_the_work(monkeypatch):
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    monkeypatch.delitem(sys.modules, "eladapt.identification.physical", raising=False)
+    with pytest.raises(EladaptError, match=r'pip install "eladapt\[identify\]"'):
+        ea.identify(load("ur5"), "a log that would be refused")
+    with pytest.raises(ArgumentError, match="expected a Log"):
+        ea.identify(load("ur5"), "a log that would be refused", physical=False)
+
+
+def test_a_robot_is_asked_for():
+    with pytest.raises(ArgumentError, match="robot: expected a Robot, got str"):
+        ea.identify("ur5", known_log(load("ur5")))
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])

@@ -21,9 +21,18 @@ def test_samples_that_are_none_or_repeated_are_left_out_and_said_so():
     assert len(log) == 197
     assert set(np.arange(200)) - set(np.round(log.t / 0.01).astype(int)) == {7, 9, 20}
     assert log.notes == (
-        "2 of 200 samples have a number that is none, and were left out",
+        "2 of 200 samples have a number that is none (q of joint 2, tau of joint 1), and were left out",
         "1 samples repeat the stamp of the one before, and were left out",
     )
+
+
+def test_a_column_without_a_number_is_named_and_velocities_without_one_are_missing():
+    t, q, v, tau = table()
+    log = ea.Log(t, q, np.full_like(v, np.nan), tau)
+    assert np.array_equal(log.v, ea.Log(t, q, None, tau).v)
+    tau[:, 1] = np.nan
+    with pytest.raises(ArgumentError, match=r"200 of 200 samples have a number that is none \(tau of b\)"):
+        ea.Log(t, q, v, tau, ("a", "b"))
 
 
 def test_a_clock_that_goes_back_is_refused_with_the_sample():
@@ -47,6 +56,19 @@ def test_missing_velocities_are_the_derivative_and_said_so():
     log = ea.Log(t, q, None, tau)
     assert np.abs(log.v - v).max() < 1e-3
     assert any("derivative" in note for note in log.notes)
+
+
+def test_a_position_within_one_turn_goes_on(tmp_path):
+    """Of a joint at 6 rad/s, within (-pi, pi], in two pieces: a straight line in each, and its derivative."""
+    t, q, _, tau = table(joints=2)
+    t[100:] += 0.5
+    q[:, 0] = np.angle(np.exp(6j * t))
+    log = ea.Log(t, q, None, tau)
+    for piece in log.segments:
+        assert np.diff(log.q[piece, 0]) == pytest.approx(6 * np.diff(t[piece]), abs=1e-12)
+    assert log.v[:, 0] == pytest.approx(np.full(200, 6.0), abs=1e-6)  # interpolated on an even grid
+    assert np.array_equal(log.q[:, 1], q[:, 1])
+    assert log.notes[0] == "positions of joint 1 jump by a turn from one sample to the next, and go on"
 
 
 @pytest.mark.parametrize(
@@ -94,6 +116,8 @@ def test_the_last_part_is_held_out():
     assert last.t[0] == pytest.approx(0.7 * 1.99, abs=0.01)
     assert len(first) + len(last) == 200
     assert ea.Log(*table()).parts(0)[1] is None
+    with pytest.raises(ArgumentError, match="would part its 30 samples into 21 and 9; each needs 10"):
+        ea.Log(*table(30)).parts(0.3)
 
 
 def test_a_records_torques_act_until_the_next_sample():

@@ -52,6 +52,20 @@ CHANGES = {
 }  # fmt: skip
 
 
+def test_the_largest_of_few_samples_is_not_a_limit(sound):
+    """One of 50 is 2 % of them."""
+    remarks = sound.between(1.0, 1.1).check(load("ur5"))
+    assert not any("cut off" in said for said in remarks)
+
+
+def test_a_log_in_milliseconds_is_asked_about(sound):
+    with (
+        pytest.raises(ArgumentError, match=r"more than two steps of the log, 4 s, got 0\.1 s; is its t"),
+        pytest.warns(LogWarning, match="thousandths"),
+    ):
+        ea.identify(load("ur5"), changed(sound, t=1e3 * sound.t), progress=False)
+
+
 @pytest.mark.parametrize("name", CHANGES)
 def test_what_is_wrong_is_said(sound, name):
     change, said = CHANGES[name]

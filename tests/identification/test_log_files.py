@@ -29,6 +29,12 @@ HEADERS = {
         f"/joint_states/{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in ("a", "b")
     ),
     "brackets": "t,q[0],q[1],qd[0],qd[1],tau[0],tau[1]",
+    "namespace": "/r/joint_states/header/stamp," + ",".join(
+        f"/r/joint_states/joint_{joint}/{kind}" for kind in ("pos", "vel", "effort") for joint in ("a", "b")
+    ),
+    "rostopic": "%time," + ",".join(
+        f"field.{kind}{joint}" for kind in ("position", "velocity", "effort") for joint in range(2)
+    ),
     "rtde": "timestamp actual_q_0 actual_q_1 actual_qd_0 actual_qd_1 actual_torque_0 actual_torque_1",
 }  # fmt: skip
 
@@ -43,7 +49,7 @@ def test_headers_and_delimiters_are_found(tmp_path, name, delimiter):
     assert np.array_equal(log.q, rows[:, 1:3])
     assert np.array_equal(log.velocity, rows[:, 3:5])
     assert np.array_equal(log.tau, rows[:, 5:7])
-    named = {"words": ("elbow", "wrist"), "plotjuggler": ("a", "b")}
+    named = {"words": ("elbow", "wrist"), "plotjuggler": ("a", "b"), "namespace": ("joint_a", "joint_b")}
     assert log.joint_names == named.get(name, ())
 
 
@@ -52,6 +58,108 @@ def test_without_a_header_all_positions_come_first(tmp_path):
     log = ea.Log.read(written(tmp_path / "log.txt", rows, delimiter=" "), joint_names=("a", "b"))
     assert np.array_equal(log.tau, rows[:, 5:7])
     assert log.joint_names == ("a", "b")
+
+
+PLAIN = HEADERS["plain"]
+
+
+def behind(text, name, cell):
+    """A table with further columns."""
+    header, *lines = text.splitlines()
+    return "\n".join([header + name, *(line + cell for line in lines)])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace(PLAIN, PLAIN.replace(",", ", ")),
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace(",", ";").replace(".", ","),
+        lambda text: text.replace(",", "\t").replace(".", ","),
+        lambda text: text.replace(PLAIN, '"' + PLAIN.replace(",", '","') + '"'),
+        lambda text: "# an arm\n# and its log\n" + text.replace("\n", "\n% a pause\n", 3),
+        lambda text: "# " + text,
+        lambda text: behind(text, ",mode", ',"a, b"'),
+        lambda text: behind(text, ",target_q0,q1_cmd", ",1,2"),
+    ],
+    ids=["blanks", "crlf", "semicolons", "tabs", "quotes", "comments", "hash", "words", "asked"],
+)
+def test_a_table_in_other_clothes_is_the_same_log(tmp_path, change):
+    """No digit changes, and nothing is left out."""
+    path = written(tmp_path / "log.csv", numbers(), PLAIN)
+    right = ea.Log.read(path)
+    path.write_bytes(change(path.read_text()).encode())
+    log = ea.Log.read(path)
+    assert log.notes == ()
+    for part in ("t", "q", "v", "tau"):
+        assert np.array_equal(getattr(log, part), getattr(right, part))
+
+
+def test_units_below_a_header_are_left_out_and_said(tmp_path):
+    path = written(tmp_path / "log.csv", numbers(), PLAIN + "\n[s],[deg],[deg],[deg/s],[deg/s],[Nm],[Nm]")
+    log = ea.Log.read(path)
+    assert len(log) == N
+    assert log.notes == (
+        "line 2 below the header is no sample, and was left out: [s],[deg],[deg],[deg/s],[deg/s],[Nm],[Nm",
+    )
+
+
+def test_a_table_of_negative_numbers_has_no_names_in_it(tmp_path):
+    """19 columns are t and 18 of six joints; as an echoed message they would have four joints."""
+    rows = -np.abs(numbers(6))
+    rows[:, 0] *= -1
+    assert ea.Log.read(written(tmp_path / "log.csv", rows)).q.shape == (N, 6)
+
+
+def test_numbered_joints_are_in_the_order_of_their_numbers(tmp_path):
+    """As a table sorted by name has them, q10 before q2."""
+    rows = numbers(3)
+    names = [f"{kind}{k}" for kind in ("q", "dq", "tau") for k in (1, 10, 2)]
+    log = ea.Log.read(written(tmp_path / "log.csv", rows, ",".join(["t", *names])))
+    assert np.array_equal(log.q, rows[:, [1, 3, 2]])
+    assert np.array_equal(log.tau, rows[:, [7, 9, 8]])
+
+
+def test_seconds_and_nanoseconds_are_one_stamp(tmp_path):
+    """To the last nanosecond, at an hour in 2023, in which a float of seconds knows 2e-7."""
+    rows, nanoseconds = numbers(), 3_000_000 * np.arange(N) + 1
+    parts = [[1_700_000_000 + x // 10**9, x % 10**9] for x in nanoseconds]
+    stamps = "header.stamp.sec,header.stamp.nanosec"
+    table = np.column_stack([parts, rows[:, 1:]])
+    log = ea.Log.read(written(tmp_path / "a.csv", table, PLAIN.replace("t,", f"{stamps},", 1)))
+    assert np.diff(log.t) == pytest.approx(np.full(N - 1, 3e-3), abs=1e-15)
+    echoed = [
+        f"{s},{n},base,elbow,wrist," + ",".join(map(repr, map(float, r[1:])))
+        for (s, n), r in zip(parts, rows, strict=True)
+    ]
+    (tmp_path / "b.csv").write_text("\n".join(echoed))  # ros2 topic echo --csv
+    log = ea.Log.read(tmp_path / "b.csv")
+    assert log.joint_names == ("elbow", "wrist")
+    assert np.diff(log.t) == pytest.approx(np.full(N - 1, 3e-3), abs=1e-15)
+    assert np.array_equal(log.tau, rows[:, 5:7])
+
+
+def test_stamps_too_large_for_seconds_are_of_another_unit(tmp_path):
+    rows = numbers()
+    for unit, name in ((1.0, ""), (1e3, "milli"), (1e6, "micro"), (1e9, "nano")):
+        rows[:, 0] = unit * (1.7e9 + 0.01 * np.arange(N))
+        log = ea.Log.read(written(tmp_path / "log.csv", rows, PLAIN))
+        assert log.t == pytest.approx(0.01 * np.arange(N), abs=1e-6)  # 256 ns: a float of nanoseconds
+        assert log.notes == (f"stamps are {name}seconds since 1970, and were counted from the first on",)
+
+
+def test_a_star_stands_for_the_joint(tmp_path):
+    """Columns sorted by name are of one joint where the stars are the same, whatever their order is."""
+    rows = numbers()
+    header = "clock,position_elbow,position_wrist,rate_wrist,rate_elbow,load_wrist,load_elbow"
+    path = written(tmp_path / "log.csv", rows, header)
+    columns = {"t": "clock", "q": "position_*", "v": "rate_*", "tau": "load_*"}
+    log = ea.Log.read(path, columns=columns)
+    assert log.joint_names == ("elbow", "wrist")
+    assert np.array_equal(log.velocity, rows[:, [4, 3]])
+    assert np.array_equal(log.tau, rows[:, [6, 5]])
+    with pytest.raises(LogError, match=r"not of the same joints \(elbow, te_elbow, te_wrist, wrist\)"):
+        ea.Log.read(path, columns={**columns, "v": "ra*"})
 
 
 def test_columns_are_as_the_user_says(tmp_path):
@@ -81,7 +189,7 @@ def test_a_last_line_that_is_cut_and_empty_cells_are_left_out(tmp_path):
     assert len(log) == N - 1
     assert log.notes == (
         f"line {N + 2}, the last one, is cut short, and was left out",
-        f"1 of {N} samples have a number that is none, and were left out",
+        f"1 of {N} samples have a number that is none (q of joint 2), and were left out",
     )
 
 
@@ -108,6 +216,32 @@ def test_what_is_wrong_with_a_table_is_said_with_its_file(tmp_path, text, said):
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"gains": [1.0, 2.0, 3.0]}, r"gains: expected shape \(2,\), got \(3,\)"),
+        ({"columns": "t"}, "columns: expected which they are by quantity"),
+        ({"columns": {"t": "t", "q": 1.5}}, "unknown column of q '1.5'"),
+        ({"columns": {"t": "t", "x": "q0"}}, "unknown quantity of columns 'x'"),
+        ({"topic": "/joint_states"}, r"topic: log\.csv is a table, not a bag"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(tmp_path, options, said):
+    path = written(tmp_path / "log.csv", numbers(), PLAIN)
+    with pytest.raises(LogError, match=said):
+        ea.Log.read(path, **options)
+
+
+def test_what_is_no_text_is_refused(tmp_path):
+    (tmp_path / "log.mat").write_bytes(b"MATLAB 5.0 MAT-file" + 100 * b"\0")
+    with pytest.raises(LogError, match="it is no text; expected a table"):
+        ea.Log.read(tmp_path / "log.mat")
+    written(tmp_path / "log.csv", numbers(), PLAIN)
+    right = ea.Log.read(tmp_path / "log.csv")
+    (tmp_path / "wide.txt").write_text((tmp_path / "log.csv").read_text(), encoding="utf-16")
+    assert np.array_equal(ea.Log.read(tmp_path / "wide.txt").tau, right.tau)
+
+
 def test_a_file_that_is_not_there_is_said_so(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such log"):
         ea.Log.read(tmp_path / "none.csv")
@@ -119,6 +253,8 @@ def test_arrays_are_read_by_their_usual_names(tmp_path):
     log = ea.Log.read(tmp_path / "a.npz")
     assert np.array_equal(log.tau, rows[:, 5:7])
     np.savez(tmp_path / "b.npz", t=rows[:, 0], tau=rows[:, 5:7])
+    with pytest.raises(LogError, match=r"columns: a\.npz is an \.npz, whose arrays have names"):
+        ea.Log.read(tmp_path / "a.npz", columns={"t": 0})
     with pytest.raises(LogError, match=r"lacks q \(q or pos or position\); it has t, tau"):
         ea.Log.read(tmp_path / "b.npz")
     (tmp_path / "c.npz").write_bytes(b"PK" + 100 * b"\0")
@@ -138,6 +274,8 @@ def test_a_record_is_a_log(tmp_path):
     )
     record.save(tmp_path / "run.npz")
     log = ea.Log.read(tmp_path / "run.npz")
+    with pytest.raises(LogError, match=r"degrees: run\.npz is a record, in SI units"):
+        ea.Log.read(tmp_path / "run.npz", degrees=True)
     assert np.array_equal(log.tau, record.tau[:-1])
     assert log.joint_names == robot.joint_names
 
@@ -188,6 +326,9 @@ def test_a_bag_without_velocities_or_with_several_topics(tmp_path):
     bag(tmp_path / "none", [(r[0], ("a",), r[1:2], r[3:4], []) for r in rows])
     with pytest.raises(LogError, match="no effort"):
         ea.Log.read(tmp_path / "none")
+    bag(tmp_path / "nameless", [(r[0], (), r[1:3], r[3:5], r[5:7]) for r in rows])
+    with pytest.raises(LogError, match="name no joints"):
+        ea.Log.read(tmp_path / "nameless")
     (tmp_path / "junk.mcap").write_bytes(b"junk")
     with pytest.raises(LogError, match="not a ROS bag"):
         ea.Log.read(tmp_path / "junk.mcap")

@@ -126,6 +126,23 @@ def test_an_answer_counts_when_it_is_there():
     assert mass_matrix(controller.regressors, q, state.physical)[1, 1] > 0
 
 
+def test_a_loop_survives_its_executor():
+    """Shut down: the controller's own parameters, to the last digit, and no error in the loop."""
+    executor = ProcessPoolExecutor(1)
+    executor.shutdown()
+    robot, controller, physical, _ = noisy("two_link", period=0.02, lag=0.01, executor=executor)
+    q = robot.configuration(robot.home)
+    first = ea.Measurement(0.0, q, np.zeros(2), robot.gravity(q))
+    state, alone = physical.init(first), controller.init(first)
+    for k in range(1, 30):
+        sample = first._replace(t=k * DT)
+        state, tau = physical.step(state, sample, q, DT)
+        alone, right = controller.step(alone, sample, q, DT)
+        assert np.array_equal(tau, right)
+    assert np.array_equal(state.parameters, alone.parameters)
+    assert not state.waiting
+
+
 def test_another_process_finds_the_same():
     controller = noisy("ur5")[1]
     bodies = PhysicalBodies(controller.regressors)

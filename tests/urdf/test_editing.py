@@ -66,6 +66,41 @@ def test_a_file_itself_may_give_rotors(tmp_path):
         ea.Robot.from_urdf(path)
 
 
+@pytest.mark.filterwarnings("ignore::eladapt.errors.MendedWarning", "ignore::eladapt.errors.UnitsWarning")
+def test_what_was_weighed_or_mended_stays_so(tmp_path):
+    """A link without <inertial>, and moments that no body has: an edit of something else changes neither."""
+    path, viscous = tmp_path / "arm.urdf", Edits({}, {"j": {"damping": 0.5}})
+    path.write_text(TEXT)
+    weighed = ea.Robot.from_urdf(path, density=2700)
+    changed = weighed.edited(viscous)
+    assert changed.model.inertias[1].isApprox(weighed.model.inertias[1], 1e-12)  # through decimals
+    assert changed.model.inertias[1].mass == pytest.approx(2701)
+    assert ea.Robot.from_source(changed.source).model == changed.model
+    path.write_text(TEXT.replace('iyy="1"', 'iyy="3"'))
+    mended = ea.Robot.from_urdf(path, mend=True)
+    assert mended.edited(viscous).model.inertias[1].isApprox(mended.model.inertias[1], 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("edits", "said"),
+    [
+        (Edits({"x": BODY}), "unknown link 'x'; legal names: b, c, d"),
+        (Edits({}, {"x": {"damping": 1.0}}), "unknown joint 'x'; legal names: j, k"),
+        (
+            Edits({}, {"j": {"dampping": 1.0}}),
+            "unknown dynamics of j 'dampping'; legal names: damping, friction",
+        ),
+        (Edits({"c": BODY[:9]}), r"inertials of c: expected shape \(10,\)"),
+        (Edits({"c": [np.nan] * 10}), "inertials of c: expected finite"),
+    ],
+)
+def test_edits_of_what_is_not_there_are_refused(tmp_path, edits, said):
+    path = tmp_path / "arm.urdf"
+    path.write_text(TEXT)
+    with pytest.raises(ValueError if "inertials" in said else LookupError, match=said):
+        ea.Robot.from_urdf(path, edits=edits)
+
+
 @pytest.mark.parametrize("name", ["two_link", "ur5", "panda", "talos_left_arm"])
 def test_an_edited_robot_is_one_like_any_other(name):
     """Its source makes it again, MuJoCo has its mass matrix, and what was not edited is as before."""
