@@ -1,6 +1,6 @@
 """A Franka by its maker's library: what acts is what is sent and what the firmware adds; errors are named.
 
-The library is played by an object of the same face; benchmarks/franka_client.py has it against a simulated robot.
+The library is played by an object of the same face; benchmarks/franka_client.py has it against a simulator.
 """
 
 import types
