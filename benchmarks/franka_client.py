@@ -32,6 +32,7 @@ from eladapt.hardware.franka import FrankaRobot
 ADDRESS, DT = "127.0.0.1", 1e-3
 GOALS, EACH, FAR = 8, 7.5, 0.4  # set-points of a minute, [s], [rad] from the start
 AFTER, REST = 0.5, 1.0  # [s] after a motion, and before the next, in which errors are judged
+SLOW = 0.4  # of the Panda's speed limits: the FR3's depend on where it is
 LOAD = 1.5  # [kg]
 PATIENCE = 30.0  # [s] for the server to start
 
@@ -90,22 +91,23 @@ def firmware_gravity(python: str) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def minute(robot: ea.Robot, arm: FrankaRobot, seed: int, state: Any = None) -> Run:
-    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
+    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, delay=2 * DT), DT)
     arm.connect()
     start = arm.posture()
+    limits = ea.MotionLimits.for_robot(robot, velocity=SLOW)
     rng = np.random.default_rng(seed)
     goals = [start + rng.uniform(-FAR, FAR, 7) for _ in range(GOALS)]
     ends, before = [], start
     for k, goal in enumerate(goals):
         q0, q1 = robot.configuration(before), robot.configuration(goal)
-        ends.append(k * EACH + ea.move(robot, q0, q1).duration)
+        ends.append(k * EACH + ea.move(robot, q0, q1, limits).duration)
         before = goal
 
     def asked(t: float) -> np.ndarray:
         return robot.configuration(goals[min(int(max(t, 0.0) / EACH), GOALS - 1)])
 
     try:
-        result: Any = ea.run_loop(controller, arm, asked, GOALS * EACH, DT, state=state)
+        result: Any = ea.run_loop(controller, arm, asked, GOALS * EACH, DT, state=state, limits=limits)
         ended = result.ended if result.fault is None else f"fault {result.fault}"
     except LoopError as reason:
         result, ended = reason, str(reason)
@@ -169,7 +171,8 @@ def main() -> None:
             "most a cycle [N m]", "cycles lost", "state to command [us], median", "99.9 %"]  # fmt: skip
     notes = (
         f"A minute of {GOALS} set-points up to {FAR:g} rad from the start in each joint. The error is that "
-        f"from the set-point, the largest of all joints. The limit of a cycle is 1 N m. In the end {said}."
+        f"from the set-point, the largest of all joints. The limit of a cycle is 1 N m. Motions keep to "
+        f"{SLOW:g} of the Panda's speed limits. In the end {said}."
     )
     table.write("franka_client", "A Franka that is not there, by its maker's client", head, rows, notes)
 

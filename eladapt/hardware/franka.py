@@ -49,7 +49,9 @@ class FrankaRobot:
     what acts; nothing is counted twice. collision: torque [N m] from outside at which the robot stops by
     itself; half of it is reported as contact. recover: whether errors from before are cleared at the start.
     realtime: whether the maker's library insists on a real-time kernel. gravity: of the firmware, q (7,) ->
-    (7,) [N m]; None asks the maker's model.
+    (7,) [N m]; None asks the maker's model. prompt: whether each cycle is answered at once, by the torque of
+    the cycle before, so that the controller has all of a cycle to think; the robot drops what comes later. It
+    is a delay of one cycle: tell the controller, ``delay=1e-3``, or let `commission` find it.
 
     Each error of the robot is a HardwareError that names its reflexes. Raises HardwareError within 5 s for a
     robot that does not answer, ArgumentError for another number of joints.
@@ -68,13 +70,14 @@ class FrankaRobot:
         recover: bool = False,
         realtime: bool = False,
         gravity: Callable[[np.ndarray], np.ndarray] | None = None,
+        prompt: bool = True,
     ):
         if robot.nv != JOINTS:
             raise ArgumentError(
                 f"robot: expected the {JOINTS} joints of a Franka arm, got {robot.nv} of {robot.name!r}: "
                 f"{', '.join(robot.joint_names)}; lock the others (locked=)"
             )
-        self.address, self.robot, self.recover = address, robot, recover
+        self.address, self.robot, self.recover, self.prompt = address, robot, recover, prompt
         self.load = None if load is None else _load(*load)
         self.collision = require_number("collision", collision, 0)
         self._realtime = (
@@ -84,7 +87,8 @@ class FrankaRobot:
         self._franka: Any = None
         self._control: Any = None
         self._model: Any = None
-        self._t, self._added, self._sent = 0.0, np.zeros(JOINTS), np.zeros(JOINTS)
+        self._t, self._added = 0.0, np.zeros(JOINTS)
+        self._sent, self._wanted = np.zeros(JOINTS), np.zeros(JOINTS)
 
     def __repr__(self) -> str:
         return f"FrankaRobot({self.address!r}, {self.robot.name!r})"
@@ -125,7 +129,7 @@ class FrankaRobot:
         self.connect()
         with _named("torque control does not start"):
             self._control = self._franka.start_torque_control()
-        self._t, self._sent = 0.0, np.zeros(JOINTS)
+        self._t, self._sent, self._wanted = 0.0, np.zeros(JOINTS), np.zeros(JOINTS)
 
     def read(self) -> Measurement:
         """Wait for the next cycle."""
@@ -134,16 +138,24 @@ class FrankaRobot:
         state, elapsed = self._moving(lambda: self._control.readOnce())
         self._t += elapsed.to_sec()
         q = np.array(state.q)
-        self._added = self._firmware_gravity(state, q)
         self._sent = np.array(state.tau_J_d)  # what arrived: a command that was lost did not
+        if self.prompt:
+            self._send(self._wanted)
+        self._added = self._firmware_gravity(state, q)
         return Measurement(self._t, self.robot.configuration(q), np.array(state.dq), self._sent + self._added)
 
     def write(self, tau: np.ndarray) -> None:
         """Command tau (7,) [N m], less what the firmware adds, as near as its rate allows."""
-        change = np.clip(tau - self._added - self._sent, -MOST_PER_CYCLE, MOST_PER_CYCLE)
         if self._control is None:
             raise HardwareError(f"{self.address}: not started, or stopped")
-        command = pylibfranka.Torques((self._sent + change).tolist())
+        self._wanted = tau - self._added
+        if not self.prompt:
+            self._send(self._wanted)
+
+    def _send(self, wanted: np.ndarray) -> None:
+        change = np.clip(wanted - self._sent, -MOST_PER_CYCLE, MOST_PER_CYCLE)
+        limit = self.robot.effort_limit  # of what is sent: the firmware's gravity is beside it
+        command = pylibfranka.Torques(np.clip(self._sent + change, -limit, limit).tolist())
         self._moving(lambda: self._control.writeOnce(command))
 
     def stop(self) -> None:

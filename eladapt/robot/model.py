@@ -72,7 +72,11 @@ class Robot:
 
     def __getstate__(self) -> dict[str, Any]:
         """What a pickle holds: all but what was computed."""
-        return {name: value for name, value in vars(self).items() if name not in ("weightless", "still")}
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if name not in ("weightless", "still", "joint_names")
+        }
 
     @classmethod
     def from_urdf(
@@ -175,7 +179,7 @@ class Robot:
     def nv(self) -> int:
         return self._space.nv
 
-    @property
+    @functools.cached_property
     def joint_names(self) -> tuple[str, ...]:
         return tuple(self.model.names)[1:]
 

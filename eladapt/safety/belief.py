@@ -34,7 +34,7 @@ from eladapt.robot.model import Robot
 from eladapt.safety.guards import Alarm
 
 SPANS = np.array([3, 15])  # samples of a mean; x and z are between two that follow each other
-ENOUGH = (2 * SPANS + 2)[:, None]  # samples in a row: a step of something else spoils two spans
+ENOUGH = 2 * SPANS + 2  # samples in a row: a step of something else spoils two spans
 PUSH, HAND = 24.0, 0.05  # [N] that a person adds or takes at once, at the tool; [m] beside its frame
 OPPOSED = -0.15  # z of x, below which a joint turns against its torque
 DEAF = 0.3  # (z with the rotor) of x, below which it does not answer
@@ -119,6 +119,38 @@ def sensed(
         found[4, i] = same[i] + 1.0 if moved[i] == 0.0 and faster == 0.0 else 0.0
         found[5, i] = abs(v[i]) if moved[i] != 0.0 else paced[i]
     return found
+
+
+@kernel(MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, VECTOR, COUNTS, *[VECTOR] * 8)
+def doubted(
+    opposed: np.ndarray, turned: np.ndarray, deaf: np.ndarray, pushed: np.ndarray, against: np.ndarray,
+    silent: np.ndarray, enough: np.ndarray, drift: np.ndarray, way: np.ndarray, jitter: np.ndarray,
+    contradiction: np.ndarray, same: np.ndarray, paced: np.ndarray, halting: np.ndarray, lively: np.ndarray,
+) -> int:  # fmt: skip
+    """nv times the number of the first reason that a joint gives, and the joint; -1 where none gives any."""
+    n = len(drift)
+    for i in range(n):
+        for s in range(len(enough)):
+            if opposed[s, i] >= enough[s] and turned[s, i] > against[i]:
+                return i
+    for i in range(n):
+        for s in range(len(enough)):
+            if deaf[s, i] >= enough[s] and pushed[s, i] > silent[i]:
+                return n + i
+    worst, farthest = -1, 0.0
+    for i in range(n):
+        allowed = contradiction[i] + CONTRADICTION * way[i] + SPREAD * math.sqrt(jitter[i])
+        if abs(drift[i]) - allowed > farthest:
+            worst, farthest = 2 * n + i, abs(drift[i]) - allowed
+    if worst >= 0:
+        return worst
+    for i in range(n):
+        if HALTED[0] <= same[i] <= HALTED[1] and paced[i] > halting[i]:
+            return 3 * n + i
+    for i in range(n):
+        if same[i] >= SAME and lively[i] > LIVELY:
+            return 4 * n + i
+    return -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,37 +252,33 @@ class Belief:
 
     def alarm(self, state: BeliefState) -> Alarm | None:
         """The joint that is not to be believed, and why."""
-        names = self.robot.joint_names
-        turns = ((state.opposed >= ENOUGH) & (state.turned > self.against)).any(axis=0)
-        if turns.any():
-            i = int(turns.argmax())
-            said = f"{names[i]!r} turns against its torque: encoder or drive reversed, or something stronger?"
-            return Alarm("reversed", said)
-        deaf = ((state.deaf >= ENOUGH) & (state.pushed > self.silent)).any(axis=0)
-        if deaf.any():
-            i = int(deaf.argmax())
-            said = (
-                f"{names[i]!r} does not answer its torque: encoder or drive are dead, something holds it, or "
-                "what it carries is too heavy"
-            )
-            return Alarm("unresponsive", said)
-        allowed = self.contradiction + CONTRADICTION * state.way + SPREAD * np.sqrt(state.jitter)
-        apart = np.abs(state.drift) - allowed
-        if apart.max() > 0:
-            i = int(apart.argmax())
-            said = (
-                f"{names[i]!r} is {state.drift[i]:.3g} rad off where its velocity leads within {MEMORY:g} s"
-            )
-            return Alarm("sensor", said)
-        halted = (state.same >= HALTED[0]) & (state.same <= HALTED[1]) & (state.paced > self.halting)
-        if halted.any():
-            i = int(halted.argmax())
-            said = (
-                f"{names[i]!r} moved at {state.paced[i]:.3g} rad/s and stands in one place from one sample on"
-            )
-            return Alarm("sensor", said)
-        dead = (state.same >= SAME) & (state.lively > LIVELY)
-        if dead.any():
-            i = int(dead.argmax())
-            return Alarm("sensor", f"{names[i]!r} shows no noise any more: is its encoder dead?")
-        return None
+        found = doubted(
+            state.opposed, state.turned, state.deaf, state.pushed, self.against, self.silent, ENOUGH,
+            state.drift, state.way, state.jitter, self.contradiction, state.same, state.paced, self.halting,
+            state.lively,
+        )  # fmt: skip
+        if found < 0:
+            return None
+        why, i = divmod(found, self.robot.nv)
+        name = repr(self.robot.joint_names[i])
+        said = (
+            (
+                "reversed",
+                f"{name} turns against its torque: encoder or drive reversed, or something stronger?",
+            ),
+            (
+                "unresponsive",
+                f"{name} does not answer its torque: encoder or drive are dead, something holds it, or what "
+                "it carries is too heavy",
+            ),
+            (
+                "sensor",
+                f"{name} is {state.drift[i]:.3g} rad off where its velocity leads within {MEMORY:g} s",
+            ),
+            (
+                "sensor",
+                f"{name} moved at {state.paced[i]:.3g} rad/s and stands in one place from one sample on",
+            ),
+            ("sensor", f"{name} shows no noise any more: is its encoder dead?"),
+        )
+        return Alarm(*said[why])
