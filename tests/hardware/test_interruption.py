@@ -21,6 +21,14 @@ DT = 5e-3
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 
 
+@pytest.fixture(autouse=True)
+def interruptible():
+    """A job in a shell's background ignores Ctrl-C, and so do its children."""
+    before = signal.signal(INT, signal.default_int_handler)
+    yield
+    signal.signal(INT, before)
+
+
 class Signalled:
     """A robot during whose calls signals come: ``at`` maps a method, and which call of it, to signals."""
 
