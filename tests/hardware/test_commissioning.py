@@ -14,6 +14,7 @@ from eladapt.simulation.faults import Misdriven
 from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
 DT = 1e-3
+pytestmark = pytest.mark.slow
 
 
 class Bench:

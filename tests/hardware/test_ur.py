@@ -97,6 +97,7 @@ def connected(monkeypatch):
 
 
 @pytest.mark.parametrize("firmware", [1.0, 1.2])
+@pytest.mark.slow
 def test_a_loop_arrives_with_friction_and_a_firmware_that_is_wrong(connected, firmware):
     """Set-points within 1e-3 rad, at 500 Hz, with friction that nobody told and gravity a fifth off."""
     robot, arm, interface = connected(firmware=firmware)

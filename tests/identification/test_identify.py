@@ -60,6 +60,7 @@ def test_a_log_tells_the_arm_whatever_the_file_says(name):
     assert found.friction.offset[told] == pytest.approx(np.full(told.sum(), OFFSET), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_standard_deviations_are_honest():
     """White noise of 1 N m in the torques of 40 logs: deviations have the size that is told. Of 58 x 40
     numbers (those of one log are not independent) the mean square is 1 within 25 %, and 99 % are within 3."""
@@ -182,6 +183,7 @@ def test_bodies_are_physical_where_least_squares_are_not(name):
     assert z @ z < 9 * len(found.theta)
 
 
+@pytest.mark.slow
 def test_a_controllers_state_is_as_good_as_a_log():
     """What a run has learned, without a log: the masses that were 30 % wrong are right, and the file too."""
     robot = load("ur5")

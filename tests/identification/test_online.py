@@ -67,6 +67,7 @@ def test_what_it_tells_is_physical_from_the_first_sample_on(name, theta0):
     assert record.settling_time(2e-3) < 4.0
 
 
+@pytest.mark.slow
 def test_gravity_in_other_postures_is_not_made_of_noise():
     """After a move in noise and a load that came: a fifth of the error that learning alone leaves."""
     wrong, robot = [], load("panda")
