@@ -16,6 +16,7 @@ from shared import load, regressors
 
 import eladapt as ea
 from eladapt.regressors.joint_terms import JOINT_TERMS
+from eladapt.urdf.editing import Edits
 
 PACKAGE = str(Path(ea.__file__).parent)
 ROUNDS = 5  # one was enough to show working memory that two threads shared
@@ -39,6 +40,7 @@ def arguments(method, robot, share):
         **dict.fromkeys(("q", "q0"), q), "q1": robot.configuration(robot.home), "x": robot.target,
         **dict.fromkeys(("v", "dq", "tau", "vr"), v), **dict.fromkeys(("a", "ar"), share * np.cos(v)),
         "goal": ea.Reference(q, v, v), "measurement": ea.Measurement(share, q, v, v),
+        "edits": Edits({}, {robot.joint_names[0]: {"damping": share}}),
         "model": robot.model, "name": "viscous", "theta": share * served(ea.Regressors).theta,
     }  # fmt: skip
     needed = [p for p in inspect.signature(method).parameters.values() if p.default is p.empty]
@@ -58,6 +60,8 @@ def plain(value):
         return [plain(item) for item in value]
     if isinstance(value, Element):
         return ElementTree.tostring(value)
+    if isinstance(value, ea.Robot):
+        return value.source
     if isinstance(value, pin.GeometryModel):
         return [(item.name, item.placement.homogeneous.tobytes()) for item in value.geometryObjects]
     return value

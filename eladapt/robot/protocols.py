@@ -8,7 +8,7 @@ the one place where that is decided.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -60,16 +60,16 @@ class Controller(BareController, Recorded, Protocol):
     """What every controller of the library is."""
 
 
-def require_controller(controller: Any) -> None:
-    """Raises ArgumentError for what is no controller, a robot above all."""
+def require_controller(controller: Any, needed: Sequence[str] = ("robot", "init", "step")) -> None:
+    """Raises ArgumentError for what is no controller, a robot above all, or lacks what is needed of one."""
     if isinstance(controller, Robot):
         raise ArgumentError(
             f"controller: expected a controller, got {controller!r}; make one of it, as with "
             "CompositeController.for_robot(robot)"
         )
-    if missing := [name for name in ("robot", "init", "step") if not hasattr(controller, name)]:
+    if missing := [name for name in needed if not hasattr(controller, name)]:
         raise ArgumentError(
-            f"controller: expected one with robot, init and step, see BareController; "
+            f"controller: expected one with {', '.join(needed)}, see BareController; "
             f"{type(controller).__name__} lacks {', '.join(missing)}"
         )
 

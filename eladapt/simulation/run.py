@@ -50,7 +50,7 @@ def simulate(
     """
     dt = require_number("dt", dt, 0)
     steps = round(require_number("duration", duration, 0, LONGEST) / dt)
-    require_controller(controller)
+    require_controller(controller, ("init", "step"))  # the robot is the plant's
     robot = plant.robot
     prepare()
     goal_at = goal if callable(goal) else (lambda _t: goal)
