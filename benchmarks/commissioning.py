@@ -17,8 +17,7 @@ from tqdm import tqdm
 
 import eladapt as ea
 from eladapt.errors import EladaptError
-from eladapt.hardware.commissioning import CAREFUL, Heard, Swing, assessed
-from eladapt.safety.gated import GatedController
+from eladapt.hardware.commissioning import Heard, Swing, assessed, careful
 from eladapt.signals import Measurement
 from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
@@ -70,13 +69,13 @@ def one(seed: int) -> Told:
     arm = ea.PinocchioPlant(robot, start, friction=ea.Friction(viscous, coulomb))
     plant = NoisyReadings(Delay(Encoders(arm, COUNTS, lag), delay), ea.Noise(noise, 10 * noise), seed)
     heard = Heard(Bench(plant))
-    careful = GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, **CAREFUL), DT)
+    controller = careful(robot, DT)
     motion = Swing(robot, heard, np.full(robot.nv, REACH), DURATION)
     heard.start()
-    state = careful.init(heard.read())
+    state = controller.init(heard.read())
     for _ in range(round(DURATION / DT)):
         measurement = heard.read()
-        state, tau = careful.step(state, measurement, motion(measurement.t), DT)
+        state, tau = controller.step(state, measurement, motion(measurement.t), DT)
         heard.write(tau)
         if state.fault is not None:
             nothing = np.full(robot.nv, np.nan)

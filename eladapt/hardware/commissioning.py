@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +32,7 @@ CAREFUL: dict[str, Any] = {
     "delay": 5e-3,
     "velocity_lag": 5e-3,
 }
+PATIENT = 4.0  # times as much torque as usual, before a joint counts as unresponsive
 LONGEST_DELAY = 0.02  # [s]
 ALIKE = 0.05  # of what is sent, by which the reported torque may differ from it
 SMOOTH = 0.03  # [s] of the window that tells velocities and accelerations from positions
@@ -117,12 +119,22 @@ def commission(
     reach = require_gain("reach", reach, robot.nv)
     duration = require_number("duration", duration, REST + 3 * RAMP)
     heard = Heard(interface)
-    careful = CompositeController.for_robot(robot, dt, **CAREFUL)
     motion = Swing(robot, heard, reach, duration)
-    result = run_loop(GatedController.for_robot(careful, dt), heard, motion, duration, dt, shaped=shaped)
+    result = run_loop(careful(robot, dt), heard, motion, duration, dt, shaped=shaped)
     if result.fault is not None:
         raise HardwareError(f"commissioning of {robot.name} ended early: {result.fault}")
     return assessed(robot, heard, dt)
+
+
+def careful(robot: Robot, dt: float) -> GatedController:
+    """A controller that expects bad hardware, behind a gate that bears more friction than usual.
+
+    It is not known yet, and a joint that friction holds looks like one that is dead.
+    """
+    gated = GatedController.for_robot(CompositeController.for_robot(robot, dt, **CAREFUL), dt)
+    belief = gated.gate.belief
+    patient = dataclasses.replace(belief, silent=PATIENT * belief.silent)
+    return dataclasses.replace(gated, gate=dataclasses.replace(gated.gate, belief=patient))
 
 
 class Heard:

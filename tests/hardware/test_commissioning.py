@@ -8,8 +8,7 @@ from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, HardwareError
-from eladapt.hardware.commissioning import CAREFUL, Heard, Swing, assessed
-from eladapt.safety.gated import GatedController
+from eladapt.hardware.commissioning import Heard, Swing, assessed, careful
 from eladapt.simulation.faults import Misdriven
 from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
@@ -37,13 +36,13 @@ class Bench:
 def moved(robot, plant, duration=8.0):
     """What `commission` hears, without waiting for the clock."""
     heard = Heard(Bench(plant))
-    careful = GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, **CAREFUL), DT)
+    controller = careful(robot, DT)
     motion = Swing(robot, heard, np.full(robot.nv, 0.15), duration)
     heard.start()
-    state = careful.init(heard.read())
+    state = controller.init(heard.read())
     for _ in range(round(duration / DT)):
         measurement = heard.read()
-        state, tau = careful.step(state, measurement, motion(measurement.t), DT)
+        state, tau = controller.step(state, measurement, motion(measurement.t), DT)
         heard.write(tau)
         assert state.fault is None
     return heard
