@@ -91,7 +91,7 @@ def firmware_gravity(python: str) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def minute(robot: ea.Robot, arm: FrankaRobot, seed: int, state: Any = None) -> Run:
-    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, delay=2 * DT), DT)
+    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, delay=DT), DT)
     arm.connect()
     start = arm.posture()
     limits = ea.MotionLimits.for_robot(robot, velocity=SLOW)
