@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,6 +43,18 @@ class EladaptError(_Printable, Exception):
 
 class EladaptWarning(_Printable, UserWarning):
     """Base of every warning."""
+
+
+@contextlib.contextmanager
+def needing(what: str, extra: str, error: type[EladaptError] = EladaptError) -> Iterator[None]:
+    """Around imports that an extra installs: raises ``error``, which says how, where they are not there.
+
+    what: as "a report needs Bokeh".
+    """
+    try:
+        yield
+    except ImportError as reason:
+        raise error(f'{what}, which is not installed ({reason}): pip install "eladapt[{extra}]"') from reason
 
 
 class ArgumentError(EladaptError, ValueError):

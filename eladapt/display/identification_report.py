@@ -5,16 +5,23 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from bokeh.layouts import column
-from bokeh.models import Range1d
 
-from eladapt.display import charts, tables
-from eladapt.display.pages import WIDE, pairs, require_page, words, write_page
-from eladapt.identification.found import Identified
+from eladapt.display import tables
+from eladapt.errors import needing
 from eladapt.identification.prediction import Errors, percent
+
+with needing("a report needs Bokeh", "report"):
+    from bokeh.layouts import column
+    from bokeh.models import Range1d
+
+    from eladapt.display import charts
+    from eladapt.display.pages import WIDE, pairs, require_page, words, write_page
+
+if TYPE_CHECKING:
+    from eladapt.identification.found import Identified
 
 BREAK = 2.0  # times the usual step between two instants: there is a gap between them
 ERRORS = (

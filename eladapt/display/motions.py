@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
@@ -12,8 +13,10 @@ from matplotlib.figure import Figure
 from eladapt.display.curves import COLOURS
 from eladapt.display.plots import STYLE, require_suffix
 from eladapt.files import atomic_write
-from eladapt.identification.log import Log
 from eladapt.motion.motions import Motion
+
+if TYPE_CHECKING:
+    from eladapt.identification.log import Log
 
 SAMPLES = 1000
 Panel = tuple[str, str, np.ndarray]  # title, unit, values (N, n)

@@ -8,19 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from eladapt.display import tables
-from eladapt.errors import ArgumentError, EladaptError
+from eladapt.errors import ArgumentError, needing
 from eladapt.files import atomic_write
 from eladapt.viewing.page import POLICY
 
-try:
+with needing("a report needs Bokeh", "report"):
     from bokeh.embed import file_html
     from bokeh.layouts import column, gridplot
     from bokeh.models import Div, TabPanel, Tabs
     from bokeh.resources import INLINE
-except ImportError as reason:
-    raise EladaptError(
-        f'a report needs Bokeh, which is not installed ({reason}): pip install "eladapt[report]"'
-    ) from reason
 
 TEMPLATE = (
     '{% block preamble %}<meta http-equiv="Content-Security-Policy" content="'

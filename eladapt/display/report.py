@@ -12,29 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from eladapt.display import tables
-from eladapt.errors import ArgumentError, EladaptError
-from eladapt.files import atomic_write
+from eladapt.errors import ArgumentError, needing
 from eladapt.records.record import Record
-from eladapt.viewing.page import POLICY
 from eladapt.viewing.viewer import page_of
 
-try:
-    from bokeh.embed import file_html
-    from bokeh.layouts import column, gridplot
-    from bokeh.models import Div, TabPanel, Tabs
-    from bokeh.resources import INLINE
+with needing("a report needs Bokeh", "report"):
+    from bokeh.layouts import column
+    from bokeh.models import Div
 
     from eladapt.display import charts
-except ImportError as reason:
-    raise EladaptError(
-        f'a report needs Bokeh, which is not installed ({reason}): pip install "eladapt[report]"'
-    ) from reason
+    from eladapt.display.pages import WIDE, pairs, require_page, tabs, words, write_page
 
-TEMPLATE = (
-    '{% block preamble %}<meta http-equiv="Content-Security-Policy" content="'
-    + POLICY
-    + '"><style>body { margin: 14px }</style>{% endblock %}'
-)
 FRAME_STYLE = ".bk-clearfix { display: block; width: 100% } iframe { width: 100%; height: 78vh; border: 0 }"
 
 
@@ -59,32 +47,24 @@ def report(
     names = _distinct([record.title for record in several]) if labels is None else list(labels)
     if len(names) != len(several):
         raise ArgumentError(f"labels: expected {len(several)}, one a record, got {len(names)}")
-    path = Path(path)
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise ArgumentError(f"path: expected a file name that ends in .html, got {str(path)!r}")
+    path = require_page(path)
     given = [tables.plain_certificate(certificate) for certificate in certificates]
     title = names[0] if len(several) == 1 else f"{len(several)} runs"
-    heading = f"<h1 style='font-size: 22px; margin: 0'>{html.escape(title)}</h1>"
     metrics, limits = tables.metrics(several, names), tables.limits(several, names)
-    overview = [_text(f"<h2>Metrics</h2>{metrics}<h2>Limits</h2>{limits}{MEANING}")]
+    overview = [words(f"<h2>Metrics</h2>{metrics}<h2>Limits</h2>{limits}{MEANING}")]
     if len(several) == 1:
         sections = _sections(several[0], given, animation)
         first, rest = sections[0], sections[1:]
         pages = [("Overview", column(*overview, first[1], **WIDE)), *rest]
     else:
-        compared = _charts(charts.comparison(several, names))
+        compared = pairs(charts.comparison(several, names))
         pages = [("Comparison", column(*overview, compared, **WIDE))]
         for name, record in zip(names, several, strict=True):
             own = [(label, part) for label, part in _sections(record, given, animation)]
-            pages.append((name, _tabs(own)))
-    whole = column(_text(heading), _tabs(pages), **WIDE)
-    text = file_html(whole, INLINE, title=f"eladapt: {title}", template=TEMPLATE)
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return path
+            pages.append((name, tabs(own)))
+    return write_page(path, title, pages)
 
 
-WIDE: Any = {"sizing_mode": "stretch_width"}
 MEANING = (
     "<p>Settled: every joint's error stays below 1e-3 rad from then on. Steady error, torque ripple (peak to "
     "peak, less its trend): the largest of the last second. θ: all gravity parameters. Limits of speed and "
@@ -100,30 +80,17 @@ def _sections(
     kept = [*record.configuration.get("certificates", ()), *certificates]
     motion, learnt = charts.motion(record), charts.learning(record)
     sections = [
-        ("Motion", _charts(motion)),
+        ("Motion", pairs(motion)),
         (
             "Learning",
-            column(*([_charts(learnt)] if learnt else []), _text(tables.parameters(record)), **WIDE),
+            column(*([pairs(learnt)] if learnt else []), words(tables.parameters(record)), **WIDE),
         ),
         ("3D", _animation(record)) if animation else None,
-        ("Gains", _text(tables.gains(record))),
-        ("Certificates", _text(tables.certificates(kept))),
-        ("Set-up", _text(tables.setup(record))),
+        ("Gains", words(tables.gains(record))),
+        ("Certificates", words(tables.certificates(kept))),
+        ("Set-up", words(tables.setup(record))),
     ]
     return [section for section in sections if section is not None]
-
-
-def _charts(drawn: Sequence[Any]) -> Any:
-    """Two a row."""
-    return gridplot(list(drawn), ncols=2, merge_tools=False, toolbar_options={"logo": None}, **WIDE)
-
-
-def _tabs(pages: Sequence[tuple[str, Any]]) -> Any:
-    return Tabs(tabs=[TabPanel(title=name, child=child) for name, child in pages], **WIDE)
-
-
-def _text(content: str) -> Any:
-    return Div(text=content, stylesheets=[tables.STYLE], disable_math=True, **WIDE)
 
 
 def _animation(record: Record) -> Any:

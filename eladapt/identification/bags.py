@@ -9,16 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from eladapt.errors import EladaptError, LogError, UnknownNameError
+from eladapt.errors import LogError, UnknownNameError, needing
 
-try:
+with needing("a ROS bag needs rosbags", "ros"):
     from rosbags.highlevel import AnyReader
     from rosbags.highlevel.anyreader import AnyReaderError
     from rosbags.typesys import Stores, get_typestore
-except ImportError as reason:
-    raise EladaptError(
-        f'a ROS bag needs rosbags, which is not installed ({reason}): pip install "eladapt[ros]"'
-    ) from reason
 
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 

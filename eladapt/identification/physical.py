@@ -12,19 +12,14 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
-from eladapt.errors import EladaptError
+from eladapt.errors import EladaptError, needing
 from eladapt.gains.extremes import effort, extremes
 from eladapt.regressors.regressors import Regressors
 from eladapt.regressors.standard import pseudo_inertia
 from eladapt.robot.rotors import ASSUMED_ROTOR_ACCELERATION
 
-try:
+with needing("physical parameters need clarabel", "identify"):
     import clarabel
-except ImportError as reason:
-    raise EladaptError(
-        f"physical parameters need clarabel, which is not installed ({reason}): "
-        'pip install "eladapt[identify]"'
-    ) from reason
 
 # How little the URDF counts: as much as a measurement of each entry of a pseudo-inertia, in units of the
 # URDF's own, with this standard deviation.

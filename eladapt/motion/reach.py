@@ -10,18 +10,16 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, require_vector
+from eladapt.errors import ArgumentError, needing, require_vector
 from eladapt.motion.limits import MotionLimits
 from eladapt.motion.motions import Motion, move
 from eladapt.robot.model import Robot
 from eladapt.robot.postures import require_within, turning, unholdable
 from eladapt.robot.reading import frame_index
 
-try:
+with needing("reach needs pink", "motion"):
     import pink
     from pink.limits import ConfigurationLimit, VelocityLimit
-except ImportError as reason:
-    raise ImportError('reach needs pink: pip install "eladapt[motion]"') from reason
 
 STARTS = 30  # postures to start from: q0, then random ones, from a fixed seed
 STEPS = 200  # from each

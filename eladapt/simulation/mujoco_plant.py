@@ -15,20 +15,16 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_gain, require_number
+from eladapt.errors import ArgumentError, SimulationError, needing, require_gain, require_number
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import Brakes, Friction, Noise, Payload
 from eladapt.simulation.plants import NoiseModel, described, holding
 
-try:
+with needing("MujocoPlant needs MuJoCo", "mujoco"):
     import mujoco
 
     from eladapt.simulation.mujoco_models import mjcf_models, urdf_models
-except ImportError as reason:
-    raise EladaptError(
-        f'MujocoPlant needs MuJoCo, which is not installed ({reason}): pip install "eladapt[mujoco]"'
-    ) from reason
 
 Integrator = Literal["rk4", "implicitfast"]
 
