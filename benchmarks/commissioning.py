@@ -42,8 +42,8 @@ class Told(NamedTuple):
 class Bench:
     """A plant behind the four methods, as fast as it goes."""
 
-    def __init__(self, plant: Any):
-        self.plant, self.measurement = plant, plant.reset()
+    def __init__(self, plant: Any, dt: float = DT):
+        self.plant, self.dt, self.measurement = plant, dt, plant.reset()
 
     def start(self) -> None:
         self.measurement = self.plant.reset()
@@ -52,10 +52,25 @@ class Bench:
         return self.measurement
 
     def write(self, tau: np.ndarray) -> None:
-        self.measurement = self.plant.step(tau, DT)
+        self.measurement = self.plant.step(tau, self.dt)
 
     def stop(self) -> None:
         self.plant.brake()
+
+
+def moved(robot: ea.Robot, plant: Any, duration: float = DURATION) -> tuple[Heard, Any]:
+    """What `commission` hears of a plant, without waiting for the clock, and the fault that ended it."""
+    heard, controller = Heard(Bench(plant)), careful(robot, DT)
+    motion = Swing(robot, heard, np.full(robot.nv, REACH), duration)
+    heard.start()
+    state = controller.init(heard.read())
+    for _ in range(round(duration / DT)):
+        measurement = heard.read()
+        state, tau = controller.step(state, measurement, motion(measurement.t), DT)
+        heard.write(tau)
+        if state.fault is not None:
+            break
+    return heard, state.fault
 
 
 def one(seed: int) -> Told:
@@ -68,18 +83,10 @@ def one(seed: int) -> Told:
     start = robot.configuration(robot.home)
     arm = ea.PinocchioPlant(robot, start, friction=ea.Friction(viscous, coulomb))
     plant = NoisyReadings(Delay(Encoders(arm, COUNTS, lag), delay), ea.Noise(noise, 10 * noise), seed)
-    heard = Heard(Bench(plant))
-    controller = careful(robot, DT)
-    motion = Swing(robot, heard, np.full(robot.nv, REACH), DURATION)
-    heard.start()
-    state = controller.init(heard.read())
-    for _ in range(round(DURATION / DT)):
-        measurement = heard.read()
-        state, tau = controller.step(state, measurement, motion(measurement.t), DT)
-        heard.write(tau)
-        if state.fault is not None:
-            nothing = np.full(robot.nv, np.nan)
-            return Told(str(state.fault), np.nan, np.nan, np.nan, np.nan, nothing, nothing, False)
+    heard, fault = moved(robot, plant)
+    if fault is not None:
+        nothing = np.full(robot.nv, np.nan)
+        return Told(str(fault), np.nan, np.nan, np.nan, np.nan, nothing, nothing, False)
     found = assessed(robot, heard, DT)
     known, friction = found.friction.known, found.friction
     noises = [float(np.median(each)) for each in (found.position_noise, found.velocity_noise)]

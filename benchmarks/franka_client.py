@@ -90,7 +90,7 @@ def firmware_gravity(python: str) -> Callable[[np.ndarray], np.ndarray]:
     return gravity
 
 
-def minute(robot: ea.Robot, arm: FrankaRobot, seed: int, state: Any = None) -> Run:
+def minute(robot: ea.Robot, arm: FrankaRobot, gravity: Callable[[np.ndarray], np.ndarray], seed: int) -> Run:
     controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, delay=DT), DT)
     arm.connect()
     start = arm.posture()
@@ -107,7 +107,7 @@ def minute(robot: ea.Robot, arm: FrankaRobot, seed: int, state: Any = None) -> R
         return robot.configuration(goals[min(int(max(t, 0.0) / EACH), GOALS - 1)])
 
     try:
-        result: Any = ea.run_loop(controller, arm, asked, GOALS * EACH, DT, state=state, limits=limits)
+        result: Any = ea.run_loop(controller, arm, asked, GOALS * EACH, DT, limits=limits)
         ended = result.ended if result.fault is None else f"fault {result.fault}"
     except LoopError as reason:
         result, ended = reason, str(reason)
@@ -120,7 +120,7 @@ def minute(robot: ea.Robot, arm: FrankaRobot, seed: int, state: Any = None) -> R
     )
     after = [wrong[(t > end + AFTER) & (t < (k + 1) * EACH)] for k, end in enumerate(ends)]
     rest = [wrong[(t > (k + 1) * EACH - REST) & (t < (k + 1) * EACH)] for k in range(GOALS)]
-    sent = record.tau - np.array([arm.gravity_of(q) for q in record.q])
+    sent = record.tau - np.array([gravity(q) for q in record.q])
     change, cycles = np.abs(np.diff(sent, axis=0)).max(), np.round(np.diff(t) / DT)
     work = result.timing.work
     return Run(
@@ -146,7 +146,8 @@ def main() -> None:
     for load, runs in ((0.0, options.runs), (LOAD, max(1, options.runs // 3))):
         for seed in range(runs):
             with server(python, load):
-                done = minute(robot, FrankaRobot(ADDRESS, robot, gravity=gravity, recover=True), seed)
+                arm = FrankaRobot(ADDRESS, robot, gravity=gravity, recover=True)
+                done = minute(robot, arm, gravity, seed)
             states[load] = done.state if done.state is not None else states.get(load)
             figures = (f"{done.after:.1e}", f"{done.rest:.1e}", f"{done.rate:.3f}", str(done.lost))
             row = [

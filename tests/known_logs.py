@@ -50,3 +50,11 @@ def heavier(robot, factor=1.3):
             parameters = factor * robot.model.inertias[k].toDynamicParameters()
             bodies[joint.find("child").get("link")] = [float(x) for x in parameters]
     return robot.edited(Edits(bodies, {}))
+
+
+def short_run(**options):
+    """A record of 50 ms of the two-link arm."""
+    robot = ea.Robot.load("two_link")
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    goal = robot.configuration(robot.target)
+    return ea.simulate(ea.CompositeController.for_robot(robot), plant, goal, 0.05, progress=False, **options)

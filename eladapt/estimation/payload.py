@@ -238,13 +238,19 @@ def _independent(rows: np.ndarray) -> np.ndarray:
 
 def _describe(null: np.ndarray) -> tuple[str, ...]:
     """The directions (k, 4) of (m, m c) in words, in a basis that shares as few terms as possible."""
-    if not len(null):
-        return ()
-    triangle, pivots = scipy.linalg.qr(null, mode="r", pivoting=True)
-    k = len(null)
-    reduced = np.zeros_like(null)
-    reduced[:, pivots] = scipy.linalg.solve_triangular(triangle[:, :k], triangle)
-    return tuple(_combination(row) for row in reduced[np.argsort(pivots[:k])])
+    return tuple(_combination(row) for row in reduced(null))
+
+
+def reduced(rows: np.ndarray) -> np.ndarray:
+    """Independent rows (k, n) in another basis of their span, in which they share as few entries as possible:
+    each has a 1 where all others have 0."""
+    if not len(rows):
+        return rows
+    triangle, pivots = scipy.linalg.qr(rows, mode="r", pivoting=True)
+    k = len(rows)
+    found = np.zeros_like(rows)
+    found[:, pivots] = scipy.linalg.solve_triangular(triangle[:, :k], triangle)
+    return found[np.argsort(pivots[:k])]
 
 
 def _combination(row: np.ndarray) -> str:

@@ -23,7 +23,12 @@ from eladapt.robot.model import Robot
 from eladapt.safety.gated import GatedController
 from eladapt.signals import Measurement, Reference
 
-REST, RAMP = 1.5, 1.0  # [s] of rest at the start, and in which motion grows and fades
+REST, RAMP, STILL = (
+    1.5,
+    1.0,
+    0.2,
+)  # [s] of rest at the start, of motion that grows or fades, and of rest at the end
+EDGE = 0.01  # [rad or m] kept free of a joint's range
 SLOWEST, FASTEST = 0.5, 1.1  # [Hz] of the joints' sines, each of its own
 SHARE = 0.3  # of a speed limit, at the most
 CAREFUL: dict[str, Any] = {
@@ -73,9 +78,8 @@ class Commissioning:
                 said.append(f"{name}: {old:.3g} then, {new:.3g} now")
         for name in FRICTION_TERMS:
             old, new = (getattr(each.friction, name) for each in (before, self))
-            spread = np.hypot(
-                *(each.friction.std[("viscous", "coulomb", "offset").index(name)] for each in (before, self))
-            )
+            kind = FRICTION_TERMS.index(name)
+            spread = np.hypot(before.friction.std[kind], self.friction.std[kind])
             for k in np.flatnonzero(np.abs(new - old) > np.maximum(3 * spread, DIFFERENT * np.abs(old))):
                 said.append(f"{name} of {self.robot.joint_names[k]}: {old[k]:.3g} then, {new[k]:.3g} now")
         return tuple(said)
@@ -91,7 +95,7 @@ class Commissioning:
             row("velocity noise", "rad/s", self.velocity_noise),
             row("delay", "s", self.delay),
             row("velocity lag", "s", self.velocity_lag),
-        ]  # fmt: skip
+        ]
         if self.reversed:
             lines.append(f"torque moves the other way: {', '.join(self.reversed)}")
         return "\n".join([*lines, str(self.friction), *self.notes])
@@ -104,7 +108,6 @@ def commission(
     dt: float = 1e-3,
     duration: float = 10.0,
     reach: float | np.ndarray = 0.15,
-    shaped: bool = False,
 ) -> Commissioning:
     """Move each joint a little, and tell noise, delay, velocity lag, friction and sign.
 
@@ -117,10 +120,10 @@ def commission(
     through with it, with the gate's reason; and what `run_loop` raises.
     """
     reach = require_gain("reach", reach, robot.nv)
-    duration = require_number("duration", duration, REST + 3 * RAMP)
+    duration = require_number("duration", duration, REST + 3 * RAMP + STILL)
     heard = Heard(interface)
     motion = Swing(robot, heard, reach, duration)
-    result = run_loop(careful(robot, dt), heard, motion, duration, dt, shaped=shaped)
+    result = run_loop(careful(robot, dt), heard, motion, duration, dt, shaped=False)
     if result.fault is not None:
         raise HardwareError(f"commissioning of {robot.name} ended early: {result.fault}")
     return assessed(robot, heard, dt)
@@ -160,26 +163,37 @@ class Heard:
 
 
 class Swing:
-    """Sines of different frequencies about where the arm was first, from rest to rest."""
+    """Sines of different frequencies about where the arm was first, that grow from rest and fade to it.
+
+    way = size g(t) sin(w t), with g a smooth step up, and down at the end; the velocity and acceleration are
+    its derivatives.
+    """
 
     def __init__(self, robot: Robot, heard: Heard, reach: np.ndarray, duration: float):
         self.robot, self.heard, self.duration = robot, heard, duration
         self.rate = 2 * np.pi * np.linspace(SLOWEST, FASTEST, robot.nv)
-        limit = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, np.inf)
-        self.size = np.minimum(reach, SHARE * limit / self.rate)
+        self.size = np.minimum(reach, SHARE * robot.velocity_limit / self.rate)
 
     def __call__(self, t: float) -> Reference:
-        robot = self.robot
+        robot, w = self.robot, self.rate
         q0 = self.heard.measurements[0].q
         x = robot.coordinates(q0)
         room = np.minimum(robot.upper - x, x - robot.lower)
-        size = np.clip(room - 0.01, 0.0, self.size)
-        s = np.clip((t - REST) / RAMP, 0, 1) * np.clip((self.duration - t) / RAMP - 0.2, 0, 1)
-        phase = self.rate * max(t - REST, 0.0)
-        grown = s * s * (3 - 2 * s)
-        moved = grown * size * np.sin(phase)
-        v, a = grown * size * self.rate * np.cos(phase), -grown * size * self.rate**2 * np.sin(phase)
-        return Reference(robot.integrate(q0, moved), v, a)
+        size = np.clip(room - EDGE, 0.0, self.size)
+        up, down = smooth_step((t - REST) / RAMP), smooth_step((self.duration - STILL - t) / RAMP)
+        g, dg, ddg = (up[0] * down[0], up[1] - down[1], up[2] + down[2])  # the ramps do not overlap
+        sine, cosine = np.sin(w * (t - REST)), np.cos(w * (t - REST))
+        return Reference(
+            robot.integrate(q0, size * g * sine),
+            size * (dg / RAMP * sine + g * w * cosine),
+            size * ((ddg / RAMP**2 - g * w**2) * sine + 2 * dg / RAMP * w * cosine),
+        )
+
+
+def smooth_step(s: float) -> tuple[float, float, float]:
+    """6 s^5 - 15 s^4 + 10 s^3, from 0 to 1 over s in [0, 1], and two derivatives, 0 at both ends."""
+    s = min(max(s, 0.0), 1.0)
+    return s**3 * (10 + s * (6 * s - 15)), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
 
 
 def assessed(robot: Robot, heard: Heard, dt: float) -> Commissioning:
@@ -192,7 +206,7 @@ def assessed(robot: Robot, heard: Heard, dt: float) -> Commissioning:
             f"dt: expected at least {LEAST_SAMPLES} samples in {0.7 * REST:.2g} s of rest, got {len(rest)}"
         )
     noise = measure_noise(robot, rest)
-    x = np.unwrap([robot.coordinates(m.q) for m in taken], axis=0)
+    x = np.array([robot.coordinates(m.q) for m in taken])
     t, v, tau = (np.array([getattr(m, name) for m in taken]) for name in ("t", "v", "tau"))
     log = Log(t, x, v, tau, robot.joint_names, held=True)
     with warnings.catch_warnings():

@@ -9,26 +9,19 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as Late
-from threading import Thread
 from typing import Any
 
 import numpy as np
 
-from eladapt.errors import ArgumentError, HardwareError, require_number, require_vector
+from eladapt.errors import HardwareError, needing, require_number, require_vector
+from eladapt.hardware.makers import in_time, require_joints
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
 
-try:
+with needing("a Franka robot needs pylibfranka", "franka", HardwareError):
     import pylibfranka
-except ImportError as reason:
-    raise HardwareError(
-        f'a Franka robot needs pylibfranka, which is not installed ({reason}): pip install "eladapt[franka]"'
-    ) from reason
 
 JOINTS = 7
-PATIENCE = 4.5  # [s] until what does not answer is said so
 MOST_PER_CYCLE = 0.99  # [N m] of the 1 N m by which the robot lets a torque change from cycle to cycle
 CONTACT_TORQUE, COLLISION_TORQUE = 40.0, 80.0  # [N m] from outside, reported and stopped at
 CONTACT_FORCE, COLLISION_FORCE = 60.0, 120.0  # [N, N m] at the tool
@@ -72,11 +65,7 @@ class FrankaRobot:
         gravity: Callable[[np.ndarray], np.ndarray] | None = None,
         prompt: bool = True,
     ):
-        if robot.nv != JOINTS:
-            raise ArgumentError(
-                f"robot: expected the {JOINTS} joints of a Franka arm, got {robot.nv} of {robot.name!r}: "
-                f"{', '.join(robot.joint_names)}; lock the others (locked=)"
-            )
+        require_joints(robot, JOINTS, "Franka")
         self.address, self.robot, self.recover, self.prompt = address, robot, recover, prompt
         self.load = None if load is None else _load(*load)
         self.collision = require_number("collision", collision, 0)
@@ -97,10 +86,10 @@ class FrankaRobot:
         """Reach the robot, clear errors where wanted, and set thresholds and load; `start` does it too."""
         if self._franka is not None:
             return
-        self._franka = _in_time(
+        self._franka = in_time(
             lambda: pylibfranka.Robot(self.address, self._realtime),
-            f"{self.address} does not answer; is that the robot, and is FCI activated in Desk?",
-        )
+            f"{self.address} does not answer; is that the robot, and is FCI activated in Desk?", RAISED,
+        )  # fmt: skip
         with _named("the robot refused its set-up"):
             state = self._franka.read_once()
             self._require_ready(state)
@@ -118,11 +107,6 @@ class FrankaRobot:
         self.connect()
         with _named("the robot does not say where it is"):
             return np.array(self._franka.read_once().q)
-
-    def gravity_of(self, q: np.ndarray) -> np.ndarray:
-        """(7,) [N m] what the firmware adds at q, where ``gravity`` was given; 0 where the maker's model is
-        asked in the loop."""
-        return np.zeros(JOINTS) if self._gravity is None else np.asarray(self._gravity(q), dtype=float)
 
     def start(self) -> None:
         """Begin to follow torques."""
@@ -201,7 +185,9 @@ class FrankaRobot:
             raise HardwareError(f"{self.address}: in mode {mode.name}{errors}; {remedies[mode]}")
 
     def _firmware_gravity(self, state: Any, q: np.ndarray) -> np.ndarray:
-        return self.gravity_of(q) if self._gravity is not None else np.array(self._model.gravity(state))
+        """(7,) [N m] what the firmware adds at this state."""
+        given = self._model.gravity(state) if self._gravity is None else self._gravity(q)
+        return np.asarray(given, dtype=float)
 
 
 def _load(
@@ -213,25 +199,6 @@ def _load(
         require_vector("load: centre", centre, 3).tolist(),
         require_vector("load: inertia", inertia, 9).tolist(),
     )
-
-
-def _in_time(call: Callable[[], Any], said: str) -> Any:
-    """What a call gives; HardwareError where it takes longer, or fails."""
-    answer: Future[Any] = Future()
-
-    def run() -> None:
-        try:
-            answer.set_result(call())
-        except Exception as reason:
-            answer.set_exception(reason)
-
-    Thread(target=run, daemon=True).start()  # one that hangs must not keep the process
-    try:
-        return answer.result(PATIENCE)
-    except Late:
-        raise HardwareError(f"{said} within {PATIENCE:g} s") from None
-    except RAISED as reason:
-        raise HardwareError(f"{said}: {reason}") from reason
 
 
 @contextlib.contextmanager

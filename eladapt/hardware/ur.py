@@ -8,16 +8,18 @@ real arm.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import importlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from eladapt.errors import ArgumentError, HardwareError, require_number, require_vector
+from eladapt.errors import HardwareError, needing, require_number, require_vector
+from eladapt.hardware.makers import in_time, require_joints
 from eladapt.robot.model import Robot
-from eladapt.robot.reading import frame_index
 from eladapt.signals import Measurement
+from eladapt.simulation.disturbances import Payload
 
 JOINTS = 6
 FREQUENCY = 500.0  # [Hz]
@@ -54,11 +56,7 @@ class URRobot:
         load: tuple[float, Sequence[float]] | None = None,
         gravity: Callable[[np.ndarray], np.ndarray] | None = None,
     ):
-        if robot.nv != JOINTS:
-            raise ArgumentError(
-                f"robot: expected the {JOINTS} joints of a UR arm, got {robot.nv} of {robot.name!r}: "
-                f"{', '.join(robot.joint_names)}; lock the others (locked=)"
-            )
+        require_joints(robot, JOINTS, "UR")
         self.address, self.robot = address, robot
         self.load: tuple[float, list[float]] | None = None
         if load is not None:
@@ -77,14 +75,15 @@ class URRobot:
         """Reach the robot and tell it the load; `start` does it too."""
         if self._control is not None:
             return
-        try:
-            self._receive = _library("rtde_receive").RTDEReceiveInterface(self.address, FREQUENCY)
-            self._require_ready()
-            self._control = _library("rtde_control").RTDEControlInterface(self.address, FREQUENCY)
-        except RuntimeError as reason:
-            raise HardwareError(
-                f"{self.address} does not answer: {reason}; is that the robot, and is it in remote control?"
-            ) from reason
+        receive, control = _library("rtde_receive"), _library("rtde_control")
+        said = f"{self.address} does not answer; is that the robot, and is it in remote control?"
+        self._receive = in_time(
+            lambda: receive.RTDEReceiveInterface(self.address, FREQUENCY), said, (RuntimeError,)
+        )
+        self._require_ready()
+        self._control = in_time(
+            lambda: control.RTDEControlInterface(self.address, FREQUENCY), said, (RuntimeError,)
+        )
         if self.load is not None and not self._control.setPayload(*self.load):
             raise HardwareError(f"{self.address}: the robot refused the load {self.load}")
 
@@ -150,23 +149,13 @@ class URRobot:
 
 
 def _gravity_of(robot: Robot, load: tuple[float, list[float]] | None) -> Callable[[np.ndarray], np.ndarray]:
-    """The gravity of the robot's own model, with a load at its tool."""
-    if load is None:
+    """The gravity [N m] of the robot's own model, with a load at its tool."""
+    if load is None or not load[0]:
         return robot.gravity
-    model = robot.model.copy()
-    frame = model.frames[frame_index(model, robot.tool)]
-    mass, centre = load
-    model.appendBodyToJoint(
-        frame.parentJoint, pin.Inertia(mass, np.array(centre), np.zeros((3, 3))), frame.placement
-    )
-    data = model.createData()
-    return lambda q: np.array(pin.computeGeneralizedGravity(model, data, q))
+    mass, (x, y, z) = load
+    return dataclasses.replace(robot, model=Payload(mass, (x, y, z)).loaded(robot)).gravity
 
 
 def _library(name: str) -> Any:
-    try:
-        return __import__(name)
-    except ImportError as reason:
-        raise HardwareError(
-            f'a UR robot needs ur-rtde, which is not installed ({reason}): pip install "eladapt[ur]"'
-        ) from reason
+    with needing("a UR robot needs ur-rtde", "ur", HardwareError):
+        return importlib.import_module(name)

@@ -9,7 +9,6 @@ import numpy as np
 from eladapt.errors import ArgumentError, require_number
 from eladapt.estimation.payload import payload_regressor
 from eladapt.identification.fitting import fit
-from eladapt.identification.found import UNTOLD
 from eladapt.identification.identify import STICTION_SPEED, WINDOW
 from eladapt.identification.log import Log
 from eladapt.identification.rows import Rows, rows_of
@@ -67,7 +66,4 @@ def current_gains(
         raise ArgumentError("frame: no joint moves the load; say in which frame it hangs")
     start = np.concatenate([regressors.theta, np.zeros(9), np.ones(nv)])
     found = fit(Rows(t, y, omega, holds), start)
-    std = np.sqrt(np.diag(found.covariance))
-    if len(found.untold):
-        std[np.linalg.norm(found.untold, axis=0) > UNTOLD] = np.inf
-    return CurrentGains(found.theta[size + 9 :], std[size + 9 :])
+    return CurrentGains(found.theta[size + 9 :], found.std[size + 9 :])

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from eladapt.errors import ArgumentError
+from eladapt.estimation.payload import reduced
 from eladapt.identification.row_noise import noise_covariances
 from eladapt.identification.rows import OVERLAP, Rows
 
@@ -17,6 +18,7 @@ DOUBT = 0.1  # of the typical torque: what a direction's torque may be wrong by,
 DUST = 1e-10  # relative: below, a direction is not seen at all
 LEAST_NOISE = 1e-6  # of the typical torque: what acceleration does within a step is not seen
 LEAST_VARIANCE = 1e-3  # of the largest, of combinations whose estimate came out smaller
+UNTOLD = 0.01  # of a parameter in directions that are not told
 NAMED = 0.2  # of a direction's largest part: what is named of it
 
 
@@ -28,6 +30,12 @@ class Fit(NamedTuple):
     noise: np.ndarray  # (nv,) [N m] RMS of the residuals, by joint
     triangle: np.ndarray  # (l, l) upper triangle T, T'T the inverse of the covariance within what is told
     untold: np.ndarray  # (k, l) orthonormal directions of theta that the log does not tell
+
+    @property
+    def std(self) -> np.ndarray:
+        """(l,) standard deviations of theta; inf for a parameter with a part in what is not told."""
+        part = np.linalg.norm(self.untold, axis=0) if len(self.untold) else np.zeros(len(self.theta))
+        return np.where(part > UNTOLD, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
 def fit(rows: Rows, start: np.ndarray) -> Fit:
@@ -64,7 +72,7 @@ def fit(rows: Rows, start: np.ndarray) -> Fit:
     root = np.zeros((size, size))
     root[: len(values)] = (vectors / np.sqrt(values)).T * told.singular @ told.right
     untold = np.linalg.svd(told.right)[2][len(told.right) :]
-    return Fit(theta, half.T @ half, noise, _triangle(root), untold)
+    return Fit(theta, half.T @ half, noise, triangle_of(root), untold)
 
 
 class _Told(NamedTuple):
@@ -78,14 +86,15 @@ def _least_squares(y: np.ndarray, omega: np.ndarray, least: float) -> tuple[np.n
     """The least change (l,), and what is told, by singular values above least."""
     size = omega.shape[-1]
     stacked = np.column_stack([omega.reshape(-1, size), y.ravel()])
-    triangle = _triangle(stacked)
+    triangle = triangle_of(stacked)
     left, singular, right = np.linalg.svd(triangle[:size, :size])
     told = (singular > DUST * singular[0]) & (singular > least)
     along = left.T @ triangle[:size, size]
     return right[told].T @ (along[told] / singular[told]), _Told(singular[told], right[told])
 
 
-def _triangle(rows: np.ndarray) -> np.ndarray:
+def triangle_of(rows: np.ndarray) -> np.ndarray:
+    """(l, l) upper triangular T with T'T that of rows (n, l); fewer rows than columns give as many."""
     return np.asarray(scipy.linalg.qr(rows, mode="r")[0][: rows.shape[1]])
 
 
@@ -104,14 +113,8 @@ def _spread(residual: np.ndarray, omega: np.ndarray, holds: np.ndarray, told: _T
 
 def directions(untold: np.ndarray, labels: tuple[str, ...]) -> tuple[str, ...]:
     """The directions (k, l) of theta in words, in a basis that shares as few terms as possible."""
-    if not len(untold):
-        return ()
-    triangle, pivots = scipy.linalg.qr(untold, mode="r", pivoting=True)
-    k = len(untold)
-    reduced = np.zeros_like(untold)
-    reduced[:, pivots] = scipy.linalg.solve_triangular(triangle[:, :k], triangle)
     said = []
-    for row in reduced[np.argsort(pivots[:k])]:
+    for row in reduced(untold):
         main = [i for i in np.argsort(-np.abs(row), kind="stable") if abs(row[i]) > NAMED][:3]
         said.append(" with ".join(labels[i] for i in main))
     return tuple(said)

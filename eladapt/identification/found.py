@@ -9,22 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 
 from eladapt.errors import ArgumentError, EladaptError, printable
 from eladapt.estimation.extensions import Information
 from eladapt.estimation.friction import FrictionEstimate, friction_of
 from eladapt.estimation.payload import PayloadEstimate, estimate_payload
 from eladapt.files import atomic_write
-from eladapt.identification.fitting import Fit
+from eladapt.identification.fitting import Fit, triangle_of
 from eladapt.identification.prediction import Errors, Torques, percent
 from eladapt.identification.rows import Column
 from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.urdf.checks import edited_urdf
 from eladapt.urdf.editing import Edits
-
-UNTOLD = 0.01  # of a parameter in directions that are not told
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,8 +60,7 @@ class Identified:
     @functools.cached_property
     def std(self) -> np.ndarray:
         """(l,) standard deviations of theta; inf for a parameter that the log does not tell."""
-        part = np.linalg.norm(self.fit.untold, axis=0) if len(self.fit.untold) else np.zeros(len(self.theta))
-        return np.where(part > UNTOLD, np.inf, np.sqrt(np.diag(self.covariance)))
+        return self.fit.std
 
     @functools.cached_property
     def friction(self) -> FrictionEstimate:
@@ -153,7 +149,7 @@ class Identified:
         size = len(self.regressors)
         others = np.setdiff1d(np.arange(len(self.theta)), self.regressors.inertial)
         order = np.concatenate([others, self.regressors.inertial])
-        triangle = scipy.linalg.qr(self.fit.triangle[:, order], mode="r")[0]
+        triangle = triangle_of(self.fit.triangle[:, order])
         bodies = triangle[len(others) :, len(others) :]
         whole = np.zeros((size + 1, size + 1))
         whole[: len(bodies), self.regressors.inertial] = bodies

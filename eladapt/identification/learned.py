@@ -9,14 +9,17 @@ import numpy as np
 from eladapt.control.reports import SEEN
 from eladapt.errors import ArgumentError
 from eladapt.estimation.extensions import Information
-from eladapt.identification.fitting import LEAST_NOISE, Fit
+from eladapt.identification.fitting import LEAST_NOISE, Fit, triangle_of
 from eladapt.regressors.regressors import Regressors
 
 CORRELATION = 0.1  # [s] of what disturbs a controller's filtered rows: 2 / pole
 
 
 def learned(regressors: Regressors, state: Any) -> Fit:
-    """What a controller's state knows: its parameters, and the information that they rest on."""
+    """What a controller's state knows: its parameters, and the information that they rest on.
+
+    Raises ArgumentError for what is no state of a controller that learns all of these regressors' parameters.
+    """
     information = getattr(state, "information", None)
     size = len(regressors)
     if not isinstance(information, Information) or np.shape(state.parameters) != (size,):
@@ -36,5 +39,5 @@ def learned(regressors: Regressors, state: Any) -> Fit:
     root[: len(along)] = np.sqrt(values[told] / variance)[:, None] * along
     return Fit(
         information.completed(state.parameters), (along.T * (variance / values[told])) @ along,
-        np.full(regressors.robot.nv, np.sqrt(variance)), root, vectors[:, ~told].T,
+        np.full(regressors.robot.nv, np.sqrt(variance)), triangle_of(root), vectors[:, ~told].T,
     )  # fmt: skip

@@ -44,7 +44,7 @@ class Physical(Around):
 
     What is well known stays as it is, what noise has made of the rest becomes what bodies can have, near the
     URDF's; see `PhysicalBodies`. ``state.physical`` is always physical: M(q) of it is positive definite at
-    every q. The answer takes some 20 ms on a Panda and counts from the step ``lag`` [s] after the question
+    every q. The answer takes some 10 ms on a Panda and counts from the step ``lag`` [s] after the question
     on, when theta has moved on: it moves by as much as theta at the question did. A load that comes in
     between makes the answer void.
 

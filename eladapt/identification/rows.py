@@ -20,7 +20,7 @@ from eladapt.estimation.regressions import ForceBalance
 from eladapt.identification.log import Log
 from eladapt.regressors.regressors import Regressors
 
-FEWEST = 0.2  # of a window's weight: below, a joint has no row of it
+LEAST_MOTION = 0.2  # of a window's weight: below, a joint has no row of it
 OVERLAP = 4  # windows over each moment
 
 # What acts on the joints beside what `Regressors` knows: (q, v, a) in joint coordinates (nv,) -> (nv,)
@@ -88,7 +88,7 @@ def rows_of(
                 weight[i] += share
                 moving[i] += share * counts
     # a window shorter than a step may have none of its middles
-    holds = (weight[:, None] > 0) & (moving >= FEWEST * weight[:, None])
+    holds = (weight[:, None] > 0) & (moving >= LEAST_MOTION * weight[:, None])
     share = np.divide(1, weight[:, None], out=np.zeros(holds.shape), where=holds)
     omega *= share[:, :, None]
     y *= share

@@ -4,11 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from commissioning import Bench, moved
 from shared import load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, HardwareError
-from eladapt.hardware.commissioning import Heard, Swing, assessed, careful
+from eladapt.hardware.commissioning import RAMP, REST, Heard, Swing, assessed
 from eladapt.simulation.faults import Misdriven
 from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
@@ -16,35 +17,9 @@ DT = 1e-3
 pytestmark = pytest.mark.slow
 
 
-class Bench:
-    def __init__(self, plant, dt=DT):
-        self.plant, self.dt = plant, dt
-
-    def start(self):
-        self.measurement = self.plant.reset()
-
-    def read(self):
-        return self.measurement
-
-    def write(self, tau):
-        self.measurement = self.plant.step(tau, self.dt)
-
-    def stop(self):
-        self.plant.brake()
-
-
-def moved(robot, plant, duration=8.0):
-    """What `commission` hears, without waiting for the clock."""
-    heard = Heard(Bench(plant))
-    controller = careful(robot, DT)
-    motion = Swing(robot, heard, np.full(robot.nv, 0.15), duration)
-    heard.start()
-    state = controller.init(heard.read())
-    for _ in range(round(duration / DT)):
-        measurement = heard.read()
-        state, tau = controller.step(state, measurement, motion(measurement.t), DT)
-        heard.write(tau)
-        assert state.fault is None
+def gone_through(robot, plant):
+    heard, fault = moved(robot, plant, 8.0)
+    assert fault is None
     return heard
 
 
@@ -54,7 +29,7 @@ def told():
     friction = ea.Friction(np.full(6, 0.8), np.full(6, 0.6))
     arm = ea.PinocchioPlant(robot, robot.configuration(robot.home), friction=friction)
     plant = NoisyReadings(Delay(Encoders(arm, 2**19, 4e-3), 3e-3), ea.Noise(3e-5, 3e-4), seed=1)
-    return assessed(robot, moved(robot, plant), DT)
+    return assessed(robot, gone_through(robot, plant), DT)
 
 
 def test_noise_delay_and_lag_are_found(told):
@@ -90,7 +65,7 @@ def test_a_torque_that_is_not_reported_leaves_the_delay_unknown():
     """A drive that reports something else than what was commanded."""
     robot = load("two_link")
     arm = ea.PinocchioPlant(robot, robot.configuration(robot.home))
-    heard = moved(robot, arm)
+    heard = gone_through(robot, arm)
     rng = np.random.default_rng(0)
     heard.measurements = [m._replace(tau=m.tau + rng.normal(size=2)) for m in heard.measurements]
     told = assessed(robot, heard, DT)
@@ -117,3 +92,21 @@ def test_an_arm_that_does_not_go_through_with_it_says_why():
     dead = Misdriven(arm, lambda sent, good: sent * [1, 0], start=1.0)
     with pytest.raises(HardwareError, match="commissioning of two_link ended early: "):
         ea.commission(robot, Bench(dead, 5e-3), dt=5e-3, duration=6.0)
+
+
+def test_the_motion_is_what_it_says_it_is():
+    """Velocity and acceleration are the derivatives of the way, at rest at both ends: central differences of
+    0.1 ms, whose error is the third derivative's, some 100 rad/s^3 times 1e-8 / 6."""
+    robot = load("ur5")
+    heard = Heard(Bench(ea.PinocchioPlant(robot, robot.configuration(robot.home))))
+    heard.start()
+    heard.read()
+    motion = Swing(robot, heard, np.full(6, 0.15), 8.0)
+    step = 1e-4
+    for t in np.linspace(0.5, 7.9, 60):
+        before, at, after = (motion(t + k * step) for k in (-1, 0, 1))
+        assert (after.q - before.q) / (2 * step) == pytest.approx(at.v, abs=1e-6)
+        assert (after.v - before.v) / (2 * step) == pytest.approx(at.a, abs=1e-5)
+    for t in (REST, 8.0):
+        assert np.abs(motion(t).v).max() == np.abs(motion(t).a).max() == 0
+    assert np.abs(motion(REST + 1.5 * RAMP).v).max() > 0.1

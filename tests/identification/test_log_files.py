@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from shared import load
+from known_logs import short_run
 
 import eladapt as ea
 from eladapt.errors import LogError
@@ -263,21 +263,13 @@ def test_arrays_are_read_by_their_usual_names(tmp_path):
 
 
 def test_a_record_is_a_log(tmp_path):
-    robot = load("two_link")
-    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
-    record = ea.simulate(
-        ea.CompositeController.for_robot(robot),
-        plant,
-        robot.configuration(robot.target),
-        0.05,
-        progress=False,
-    )
+    record = short_run()
     record.save(tmp_path / "run.npz")
     log = ea.Log.read(tmp_path / "run.npz")
     with pytest.raises(LogError, match=r"degrees: run\.npz is a record, in SI units"):
         ea.Log.read(tmp_path / "run.npz", degrees=True)
     assert np.array_equal(log.tau, record.tau[:-1])
-    assert log.joint_names == robot.joint_names
+    assert log.joint_names == record.joint_names
 
 
 def bag(path, messages, topics=("/joint_states",)):
