@@ -14,7 +14,7 @@ from eladapt.control.composite import CompositeController
 from eladapt.errors import ArgumentError, HardwareError, LogWarning, require_gain, require_number
 from eladapt.estimation.friction import FrictionEstimate
 from eladapt.estimation.noise import LEAST_SAMPLES, measure_noise
-from eladapt.hardware.loop import RobotInterface, run_loop
+from eladapt.hardware.loop import RobotInterface, require_interface, run_loop
 from eladapt.identification.found import Identified
 from eladapt.identification.identify import identify
 from eladapt.identification.log import Log
@@ -121,6 +121,7 @@ def commission(
     """
     reach = require_gain("reach", reach, robot.nv)
     duration = require_number("duration", duration, REST + 3 * RAMP + STILL)
+    require_interface(interface)
     heard = Heard(interface)
     motion = Swing(robot, heard, reach, duration)
     result = run_loop(careful(robot, dt), heard, motion, duration, dt, shaped=False)

@@ -125,7 +125,7 @@ def run_loop(
     if (fault := getattr(state, "fault", None)) is not None:
         raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
     require_controller(controller)
-    _require_interface(interface)
+    require_interface(interface)
     _require_reachable(controller.robot, goal)
     shaping = Shaped(controller, limits) if shaped and not shapes(controller) else None
     after_fault = require_number("after_fault", after_fault, 0, closed=True)
@@ -277,7 +277,7 @@ def _unstopped(loop: _Loop, interruption: Interruption) -> str:
     return said
 
 
-def _require_interface(interface: Any) -> None:
+def require_interface(interface: Any) -> None:
     """Raises ArgumentError for what lacks a method of `RobotInterface`: without `stop` nothing may start."""
     methods = ("start", "read", "write", "stop")
     if missing := [name for name in methods if not callable(getattr(interface, name, None))]:

@@ -43,9 +43,12 @@ def current_gains(
     one least-squares problem. Friction counts as the same with and without the load. A joint whose torque the
     load does not change, and that moves too little mass otherwise, has a large standard deviation. Noise of
     the currents makes gains too small, by its share of their variance over a window. Raises ArgumentError for
-    a mass that is not positive, and what `identify` raises.
+    a mass that is not positive and what is no log, and what `identify` raises.
     """
     mass = require_number("mass", mass, 0)
+    for name, log in (("empty", empty), ("loaded", loaded)):
+        if not isinstance(log, Log):
+            raise ArgumentError(f"{name}: expected a Log, got {type(log).__name__}")
     regressors = Regressors(robot, joint_terms=JOINT_TERMS)
     parts = [
         rows_of(

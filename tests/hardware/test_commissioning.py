@@ -80,6 +80,8 @@ def test_it_runs_through_the_loop_and_stops_the_arm():
     told = ea.commission(robot, Bench(plant, 5e-3), dt=5e-3, duration=6.0)
     assert told.delay == 0
     assert np.abs(plant.v).max() < 0.1
+    with pytest.raises(ArgumentError, match="object lacks start, read, write, stop"):
+        ea.commission(robot, object())
     with pytest.raises(ArgumentError, match="duration"):
         ea.commission(robot, Bench(plant), duration=1.0)
     with pytest.raises(ArgumentError, match="reach"):

@@ -232,5 +232,7 @@ def test_gains_of_currents_are_learned_with_a_load_that_is_known():
     found = ea.current_gains(robot, *currents, 2.8, progress=False)
     assert np.all(np.abs(found.gains - gains) < 3 * found.std)
     assert np.sum(found.std < 0.02 * gains) >= 4
+    with pytest.raises(ArgumentError, match="loaded: expected a Log, got str"):
+        ea.current_gains(robot, currents[0], "log.csv", 2.8)
     with pytest.raises(ArgumentError, match="mass: expected a finite number"):
         ea.current_gains(robot, *currents, 0.0)
