@@ -34,7 +34,10 @@ GOALS, EACH, FAR = 8, 7.5, 0.4  # set-points of a minute, [s], [rad] from the st
 AFTER, REST = 0.5, 1.0  # [s] after a motion, and before the next, in which errors are judged
 SLOW = 0.4  # of the Panda's speed limits: the FR3's depend on where it is
 LOAD = 1.5  # [kg]
+TOLD: dict[str, Any] = {"delay": DT, "jitter": DT}  # its physics and its network each keep a clock
 PATIENCE = 30.0  # [s] for the server to start
+
+Gravity = Callable[[np.ndarray], np.ndarray]
 
 
 class Run(NamedTuple):
@@ -69,7 +72,7 @@ def server(python: str, load: float) -> Iterator[None]:
             process.kill()
 
 
-def firmware_gravity(python: str) -> Callable[[np.ndarray], np.ndarray]:
+def firmware_gravity(python: str) -> Gravity:
     """That of the server's arm: its state does not say where down is, which the maker's model asks for."""
     found = "import importlib.util as u; print(u.find_spec('franky_sim').submodule_search_locations[0])"
     folder = Path(
@@ -90,8 +93,12 @@ def firmware_gravity(python: str) -> Callable[[np.ndarray], np.ndarray]:
     return gravity
 
 
-def minute(robot: ea.Robot, arm: FrankaRobot, gravity: Callable[[np.ndarray], np.ndarray], seed: int) -> Run:
-    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, delay=DT), DT)
+def controller_of(robot: ea.Robot) -> ea.GatedController:
+    return ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, **TOLD), DT)
+
+
+def minute(controller: Any, arm: FrankaRobot, gravity: Gravity, seed: int) -> Run:
+    robot = controller.robot
     arm.connect()
     start = arm.posture()
     limits = ea.MotionLimits.for_robot(robot, velocity=SLOW)
@@ -147,7 +154,7 @@ def main() -> None:
         for seed in range(runs):
             with server(python, load):
                 arm = FrankaRobot(ADDRESS, robot, gravity=gravity, recover=True)
-                done = minute(robot, arm, gravity, seed)
+                done = minute(controller_of(robot), arm, gravity, seed)
             states[load] = done.state if done.state is not None else states.get(load)
             figures = (f"{done.after:.1e}", f"{done.rest:.1e}", f"{done.rate:.3f}", str(done.lost))
             row = [

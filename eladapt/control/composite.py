@@ -103,6 +103,7 @@ class CompositeController:
         velocity_noise: float | np.ndarray = 0.0,
         delay: float = 0.0,
         velocity_lag: float = 0.0,
+        jitter: float = 0.0,
         joint_terms: Sequence[str] = JOINT_TERMS,
         **given: Any,
     ) -> CompositeController:
@@ -113,9 +114,9 @@ class CompositeController:
 
         position_noise [rad], velocity_noise [rad/s]: standard deviations, scalar or (nv,); delay [s]: from a
         measurement to the torque that answers it, beyond the step; velocity_lag [s]: of a filter in the
-        measured velocity. What is known of them goes in here, see `eladapt.gains.sensing.Hardware`; the
-        control law's horizon, the noise floor of the rows and how slow a joint counts as stuck follow from
-        it.
+        measured velocity; jitter [s]: what time stamps are off by. What is known of them goes in here, see
+        `eladapt.gains.sensing.Hardware`; the control law's horizon, the noise floor of the rows and how slow
+        a joint counts as stuck follow from it.
 
         Names: P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, stiction_speed, Gamma,
         Upsilon, disturbance_limit, moving_limit, memory, tolerance, still_speed, in the units of
@@ -123,7 +124,7 @@ class CompositeController:
         ArgumentError, with the joint and a dt that would do, for an arm that cannot be controlled at dt.
         """
         regressors = Regressors(robot, joint_terms=joint_terms)
-        hardware = Hardware(position_noise, velocity_noise, delay, velocity_lag)
+        hardware = Hardware(position_noise, velocity_noise, delay, velocity_lag, jitter)
         gains = derive_gains(regressors, dt, given, hardware)
         return cls(
             regressors=regressors,

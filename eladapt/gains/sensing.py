@@ -32,22 +32,24 @@ NOISES = ("position_noise", "velocity_noise")
 
 @dataclass(frozen=True)
 class Hardware:
-    """Measurement noise, delay and lag, as far as they are known; none of them by default.
+    """Measurement noise, delay, lag and jitter, as far as they are known; none of them by default.
 
     position_noise [rad], velocity_noise [rad/s]: standard deviations, scalar or (nv,), of what differs
     from one sample to the next. delay [s]: from a measurement to the torque that answers it, beyond the
     step that holds it. velocity_lag [s]: time constant of a first-order filter in the measured velocity.
+    jitter [s]: standard deviation of what time stamps are off by, from one measurement to the next.
     """
 
     position_noise: float | np.ndarray = 0.0
     velocity_noise: float | np.ndarray = 0.0
     delay: float = 0.0
     velocity_lag: float = 0.0
+    jitter: float = 0.0
 
     def __post_init__(self) -> None:
         for name in NOISES:
             object.__setattr__(self, name, require_gain(name, getattr(self, name), zero=True))
-        for name in ("delay", "velocity_lag"):
+        for name in ("delay", "velocity_lag", "jitter"):
             time = require_number(name, getattr(self, name), 0, np.finfo(float).max, closed=True)
             object.__setattr__(self, name, time)
 
@@ -95,16 +97,18 @@ def choose_floor(
     """The length of a row of Omega that is noise, its rule and what was active.
 
     White noise s_v passes the force balance's filter as pole M_k s_v in the row of joint i, weighted by
-    row_weight.
+    row_weight; a sample that counts s_t too long or too short as pole s_t W, with W that of the arm at rest.
     """
     noise = np.broadcast_to(hardware.velocity_noise, regressors.robot.nv)
-    square = 0.0
+    still, square = np.zeros(regressors.robot.nv), 0.0
     for q in postures:
-        rows = np.zeros((regressors.robot.nv, len(regressors)))
+        mistimed = row_weight[:, None] * pole * hardware.jitter * regressors.torque(q, still, still)
+        rows = mistimed**2
         for joint in np.flatnonzero(noise):
             v = np.zeros(regressors.robot.nv)
             v[joint] = noise[joint]
             rows += (row_weight[:, None] * pole * regressors.momentum(q, v)) ** 2
         square += float(np.median(rows.sum(axis=1))) / len(postures)
-    rule = f"{FLOOR_DEVIATIONS:g} times what noise of the velocity makes of a row"
-    return FLOOR_DEVIATIONS * float(np.sqrt(square)), rule, "noise" if square else "no noise"
+    rule = f"{FLOOR_DEVIATIONS:g} times what noise of the velocity and jitter make of a row"
+    active = [name for name, value in (("noise", noise.any()), ("jitter", hardware.jitter)) if value]
+    return FLOOR_DEVIATIONS * float(np.sqrt(square)), rule, " and ".join(active) or "no noise"

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from eladapt.control.composite import CompositeController
 from eladapt.errors import ArgumentError, HardwareError, LogWarning, require_gain, require_number
 from eladapt.estimation.friction import FrictionEstimate
 from eladapt.estimation.noise import LEAST_SAMPLES, measure_noise
+from eladapt.hardware.lateness import reporting_delay, stamp_jitter, velocity_lag
 from eladapt.hardware.loop import RobotInterface, require_interface, run_loop
 from eladapt.identification.found import Identified
 from eladapt.identification.identify import identify
@@ -38,12 +38,9 @@ CAREFUL: dict[str, Any] = {
     "velocity_lag": 5e-3,
 }
 PATIENT = 4.0  # times as much torque as usual, before a joint counts as unresponsive
-LONGEST_DELAY = 0.02  # [s]
-ALIKE = 0.05  # of what is sent, by which the reported torque may differ from it
-SMOOTH = 0.03  # [s] of the window that tells velocities and accelerations from positions
 DIFFERENT = 0.2  # relative change that is told
 SURE = 0.05  # of a friction: a larger standard deviation leaves it unknown
-NAMES = ("position_noise", "velocity_noise", "delay", "velocity_lag")
+NAMES = ("position_noise", "velocity_noise", "delay", "velocity_lag", "jitter")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +55,7 @@ class Commissioning:
     velocity_noise: np.ndarray  # (nv,) [rad/s]
     delay: float  # [s] from a command to the torque that is reported for it
     velocity_lag: float  # [s] of a first-order filter in the measured velocity
+    jitter: float  # [s] standard deviation of what time stamps are off by
     friction: FrictionEstimate
     reversed: tuple[str, ...]  # joints whose torque moves them the other way
     found: Identified
@@ -95,6 +93,7 @@ class Commissioning:
             row("velocity noise", "rad/s", self.velocity_noise),
             row("delay", "s", self.delay),
             row("velocity lag", "s", self.velocity_lag),
+            row("jitter", "s", self.jitter),
         ]
         if self.reversed:
             lines.append(f"torque moves the other way: {', '.join(self.reversed)}")
@@ -109,7 +108,7 @@ def commission(
     duration: float = 10.0,
     reach: float | np.ndarray = 0.15,
 ) -> Commissioning:
-    """Move each joint a little, and tell noise, delay, velocity lag, friction and sign.
+    """Move each joint a little, and tell noise, delay, velocity lag, jitter, friction and sign.
 
     The arm rests for 1.5 s where it is, and then each joint swings about that place by at most ``reach``
     [rad or m], within its range and a third of its speed limit, all of them at once; ``duration`` [s] in all.
@@ -213,48 +212,16 @@ def assessed(robot: Robot, heard: Heard, dt: float) -> Commissioning:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LogWarning)
         found = identify(robot, log, held_out=0, physical=False, progress=False)
-    delay, notes = _delay(np.array(heard.sent), tau, dt), list(found.notes)
+    delay, notes = reporting_delay(np.array(heard.sent), tau, dt), list(found.notes)
     if np.isnan(delay):
         notes.append("delay: what is reported as torque is not what was commanded some cycles before")
     friction = found.friction
     values = np.array([friction.viscous, friction.coulomb, friction.offset])
     friction = friction._replace(known=friction.std < SURE * np.abs(values))
     return Commissioning(
-        robot, *noise, delay, _lag(log), friction, _reversed(found, x[0]), found, log, tuple(notes)
+        robot, *noise, delay, velocity_lag(log), stamp_jitter(log, noise.position_noise), friction,
+        _reversed(found, x[0]), found, log, tuple(notes),
     )  # fmt: skip
-
-
-def _delay(sent: np.ndarray, reported: np.ndarray, dt: float) -> float:
-    """[s] by which the reported torque comes behind the command that it answers, beyond the step that holds
-    it; nan where they are not alike."""
-    changing = sent - np.nanmean(sent, axis=0)
-    best, least = float("nan"), ALIKE
-    for late in range(1, round(LONGEST_DELAY / dt) + 2):
-        pair = np.isfinite(sent[:-late]).all(axis=1)
-        wrong = float(np.linalg.norm((reported[late:] - sent[:-late])[pair]))
-        share = wrong / max(float(np.linalg.norm(changing[:-late][pair])), 1e-12)
-        if share < least:
-            best, least = (late - 1) * dt, share
-    return best
-
-
-def _lag(log: Log) -> float:
-    """[s] by which the measured velocities come behind the derivative of the positions: of both, smoothed
-    alike, v - dq/dt = - lag dv/dt."""
-    window = 2 * int(0.5 * SMOOTH / log.dt) + 1
-    if window < 5 or len(log) < 4 * window:
-        return float("nan")
-    across = np.zeros(2)
-    for piece in log.segments:
-        if piece.stop - piece.start < 2 * window:
-            continue
-        smooth = {"window_length": window, "polyorder": 3, "delta": log.dt, "axis": 0}
-        rate = savgol_filter(log.q[piece], deriv=1, **smooth)
-        v = savgol_filter(log.velocity[piece], **smooth)
-        change = savgol_filter(log.velocity[piece], deriv=1, **smooth)
-        inner = slice(window, -window)
-        across += [np.sum(-(v - rate)[inner] * change[inner]), np.sum(change[inner] ** 2)]
-    return max(0.0, float(across[0] / across[1])) if across[1] > 0 else float("nan")
 
 
 def _reversed(found: Identified, x0: np.ndarray) -> tuple[str, ...]:

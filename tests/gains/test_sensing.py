@@ -103,6 +103,19 @@ def test_rows_of_noise_alone_count_for_nothing():
     assert np.quantile(sizes, 0.99) < gains.floor < 10 * np.median(sizes)
 
 
+def test_stamps_that_are_off_raise_the_floor():
+    """In proportion, and beside noise as standard deviations add."""
+    robot = load("panda")
+    floors = [
+        ea.CompositeController.for_robot(robot, **known).gains.floor
+        for known in ({"jitter": 1e-3}, {"jitter": 2e-3}, {"velocity_noise": 1e-3},
+                      {"jitter": 1e-3, "velocity_noise": 1e-3})
+    ]  # fmt: skip
+    np.testing.assert_allclose(floors[1], 2 * floors[0], rtol=1e-12)
+    assert floors[0] < floors[3]
+    assert floors[2] < floors[3] < floors[0] + floors[2]
+
+
 def panda(wrap, duration: float = 2.0, **known) -> ea.Record:
     robot = load("panda")
     controller = ea.CompositeController.for_robot(robot, DT, **known)

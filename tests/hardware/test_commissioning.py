@@ -10,6 +10,7 @@ from shared import load
 import eladapt as ea
 from eladapt.errors import ArgumentError, HardwareError
 from eladapt.hardware.commissioning import RAMP, REST, Heard, Swing, assessed
+from eladapt.hardware.lateness import stamp_jitter
 from eladapt.simulation.faults import Misdriven
 from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
 
@@ -38,8 +39,19 @@ def test_noise_delay_and_lag_are_found(told):
     assert told.velocity_noise == pytest.approx(np.full(6, 3e-4), rel=0.2)
     assert told.delay == pytest.approx(3e-3, abs=1e-9)
     assert told.velocity_lag == pytest.approx(4e-3, rel=0.2)
-    assert set(told.hardware) == {"position_noise", "velocity_noise", "delay", "velocity_lag"}
+    assert set(told.hardware) == {"position_noise", "velocity_noise", "delay", "velocity_lag", "jitter"}
+    assert told.jitter < 1e-4  # of a step of 1 ms: what a velocity that lags makes of it
     assert told.reversed == ()
+
+
+def test_a_robot_whose_stamps_slip_has_jitter(told):
+    """Every tenth sample is one step later than it says, so that two steps of twenty are off by one."""
+    log = told.log
+    late = np.arange(len(log)) % 10 == 0
+    index = np.minimum(np.arange(len(log)) + late, len(log) - 1)
+    slipped = ea.Log(log.t, log.q[index], log.velocity[index], log.tau, log.joint_names)
+    # 2 steps of 10 are off by dt: sqrt(2/10) dt; 20 % for the samples in which nothing moves
+    assert stamp_jitter(slipped, told.position_noise) == pytest.approx(np.sqrt(0.2) * DT, rel=0.2)
 
 
 def test_friction_is_found_where_it_is_said_to_be_known(told):

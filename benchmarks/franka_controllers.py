@@ -1,0 +1,83 @@
+"""One load, the same set-points: joint impedance, computed torque with the URDF, and eladapt.
+
+Joint impedance is that of the maker's example, with its stiffness and damping: tau = K (q_d - q) - D v + C v,
+beside the firmware's gravity. All three go through the same interface, on the same references within the same
+limits, and the server enforces what a robot does; see `franka_client.py` for the environment.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import franka_client as client
+import numpy as np
+import table
+from real_arm import ComputedTorque
+
+import eladapt as ea
+from eladapt.hardware.franka import FrankaRobot
+from eladapt.robot.protocols import Goal, Unrecorded
+
+STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])  # [N m/rad]
+DAMPING = np.array([50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0])  # [N m s/rad]
+LOADS, SEED = (0.0, client.LOAD), 0
+
+
+@dataclass(frozen=True, eq=False)
+class JointImpedance(Unrecorded):
+    """tau = K (q_d - q) - D v + C v + g, with g the firmware's."""
+
+    robot: ea.Robot
+    gravity: client.Gravity
+
+    def init(self, measurement: ea.Measurement, theta0: object = None) -> None:
+        return None
+
+    def step(
+        self, state: None, measurement: ea.Measurement, goal: Goal, dt: float
+    ) -> tuple[None, np.ndarray]:
+        robot, (_, q, v, _) = self.robot, measurement
+        spring = -STIFFNESS * robot.difference(robot.check_goal(goal).q, q)
+        tau = spring - DAMPING * v + robot.coriolis_matrix(q, v) @ v + self.gravity(q)
+        return None, np.clip(tau, -robot.effort_limit, robot.effort_limit)
+
+
+def main() -> None:
+    python = os.environ.get("ELADAPT_FRANKA_SIM_PYTHON")
+    if python is None:
+        sys.exit("skipped: say ELADAPT_FRANKA_SIM_PYTHON, see franka_client.py --help")
+    robot, gravity = ea.Robot.load("panda"), client.firmware_gravity(python)
+    controllers: dict[str, Any] = {
+        "joint impedance": JointImpedance(robot, gravity),
+        "computed torque, URDF": ComputedTorque(robot),
+        "eladapt": client.controller_of(robot),
+    }
+    rows = []
+    for load in LOADS:
+        for name, controller in controllers.items():
+            with client.server(python, load):
+                arm = FrankaRobot(client.ADDRESS, robot, gravity=gravity, recover=True)
+                done = client.minute(controller, arm, gravity, SEED)
+            row = [f"{load:g}", name, done.ended[:100], f"{done.after:.1e}", f"{done.rest:.1e}"]
+            print(row, flush=True)
+            rows.append(row)
+    head = [
+        "load [kg]",
+        "controller",
+        "ended",
+        f"error {client.AFTER:g} s after motions [rad]",
+        "at rest [rad]",
+    ]
+    notes = (
+        f"A minute of {client.GOALS} set-points up to {client.FAR:g} rad from the start in each joint, the "
+        f"largest error of all joints. K = {STIFFNESS.tolist()} N m/rad, D = {DAMPING.tolist()} N m s/rad. "
+        "The load is told to nobody."
+    )
+    table.write("franka_controllers", "Three controllers on a Franka that is not there", head, rows, notes)
+
+
+if __name__ == "__main__":
+    main()
