@@ -313,26 +313,53 @@ def variances(triangle: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return result
 
 
-@kernel(MATRIX, SCALAR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR)
+@kernel(fastmath=REORDERED)
+def solve_transposed_all(triangle: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """x <- T'^-1 x in place, of all columns of x (n, m) at once, half the time of one by one; their squared
+    lengths (m,)."""
+    n, m = x.shape
+    squares, begun = np.zeros(m), False
+    for j in range(n):
+        row = x[j]
+        if not begun:
+            for i in range(m):
+                begun = begun or row[i] != 0.0
+            if not begun:
+                continue
+        pivot = triangle[j, j]
+        for i in range(m):
+            row[i] /= pivot
+            squares[i] += row[i] * row[i]
+        for k in range(j + 1, n):
+            rest, factor = x[k], triangle[j, k]
+            for i in range(m):
+                rest[i] -= factor * row[i]
+    return squares
+
+
+@kernel(MATRIX, SCALAR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
 def surely(
     triangle: np.ndarray, prior: float, rows: np.ndarray, theta: np.ndarray, noise: np.ndarray,
-    doubted: float, deviations: float,
+    scatter: float, doubted: float, deviations: float,
 ) -> np.ndarray:  # fmt: skip
     """(m,) c theta of combinations c (m, l), nearer to zero by what the data leave open.
 
     By ``doubted`` times the prior's share of what is known of c, and by ``deviations`` standard deviations;
-    noise: variance that c'F c multiplies, of row i at i modulo its length.
+    scatter times noise is the variance that c'F c multiplies, of row i that of i modulo its length.
     """
     m, n = rows.shape
-    found = np.zeros(m)
+    x, found = np.empty((n, m)), np.zeros(m)
     for i in range(m):
-        x, value, square = rows[i].copy(), 0.0, 0.0
         for k in range(n):
-            value += x[k] * theta[k]
-            square += x[k] * x[k]
+            x[k, i] = rows[i, k]
+    variances = solve_transposed_all(triangle, x)
+    for i in range(m):
+        value, square = 0.0, 0.0
+        for k in range(n):
+            value += rows[i, k] * theta[k]
+            square += rows[i, k] * rows[i, k]
         if square > 0.0:
-            variance = solve_transposed(triangle, x)
-            size = abs(value) * max(0.0, 1 - doubted * prior * variance / square)
-            size -= deviations * sqrt(noise[i % len(noise)] * variance)
+            size = abs(value) * max(0.0, 1 - doubted * prior * variances[i] / square)
+            size -= deviations * sqrt(scatter * noise[i % len(noise)] * variances[i])
             found[i] = copysign(max(size, 0.0), value)
     return found

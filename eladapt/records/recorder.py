@@ -22,7 +22,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,7 @@ class Recorder:
         self.plant, self.count, self.capacity = plant, 0, capacity
         self._recorded = recorded_by(controller)
         self._columns: dict[str, np.ndarray] = {}
+        self._given: frozenset[str] = frozenset()  # what the controller gave for the last sample
         self._state: Any = None
         self._kept: list[tuple[float, Any]] = []  # states that are reviewed afterwards
         self._faults: list[Fault] | None = None  # None: there is no gate
@@ -80,11 +81,12 @@ class Recorder:
         sample = self._sample(t, q, v, tau, goal, state)
         if "fault" in sample:
             self._notice(sample.pop("fault"))
+        if sample.keys() != self._columns.keys():
+            self._make_room(sample)
         self._state = state
         self._brake(t, state)
         if not self._kept or t - self._kept[-1][0] >= REVIEW_PERIOD - self.dt / 2:
             self._kept.append((t, state))
-        self._make_room(sample)
         for name, value in sample.items():
             self._columns[name][self.count] = value
         self.count += 1
@@ -99,10 +101,14 @@ class Recorder:
     def _sample(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: Reference, state: Any
     ) -> dict[str, Any]:
+        given = self._recorded.recorded(state)
+        if given.keys() != self._given:
+            _require_known(given, SAMPLED, "recorded")
+            self._given = frozenset(given)
         return {
             "t": t, "q": q, "v": v, "tau": tau, "error": _error(self.robot, goal.q, q),
             "goal": goal.q, "goal_velocity": goal.v, "goal_acceleration": goal.a,
-            **_named(self._recorded.recorded(state), SAMPLED, "recorded"),
+            **given,
         }  # fmt: skip
 
     def _notice(self, fault: Fault | None) -> None:
@@ -192,7 +198,8 @@ class Recorder:
         frame = None if load is None else load.frame or self.robot.tool
         rows: dict[str, list[np.ndarray]] = {}
         for t, state in self._kept:
-            found = _named(self._recorded.reviewed(state, frame), REVIEWED, "reviewed")
+            found = self._recorded.reviewed(state, frame)
+            _require_known(found, REVIEWED, "reviewed")
             for name, values in found.items():
                 rows.setdefault(name, []).append(np.array([t, *values]))
         return {name: np.array(some) for name, some in rows.items()}
@@ -213,11 +220,10 @@ def _with_friction(robot: Robot, rubbing: Rubbing) -> Robot:
     return dataclasses.replace(robot, model=model)
 
 
-def _named(given: Mapping[str, Any], legal: tuple[str, ...], where: str) -> Mapping[str, Any]:
-    """What a controller gave. Raises UnknownNameError for what no record holds."""
-    if unknown := [name for name in given if name not in legal]:
+def _require_known(names: Iterable[str], legal: tuple[str, ...], where: str) -> None:
+    """Raises UnknownNameError for what no record holds of what a controller gave."""
+    if unknown := [name for name in names if name not in legal]:
         raise UnknownNameError(f"entry of {where}", unknown, legal)
-    return given
 
 
 def _error(robot: Robot, goal: np.ndarray, q: np.ndarray) -> np.ndarray:
