@@ -119,9 +119,7 @@ class DisturbanceEstimate:
         its limits without; e1 (nv,) [rad], e2, v (nv,) [rad/s]: joints with e2 = v are to stand still.
         """
         limit, moving, memory = self._by_joint(len(d))
-        after, beyond = followed(
-            d, residual, e1, e2, v, limit, moving, memory, self.tolerance, self.slow, dt
-        )
+        after, beyond = followed(d, residual, e1, e2, v, limit, moving, memory, self.tolerance, self.slow, dt)
         return bounded(after, friction(), v, limit, moving) if beyond else after
 
     def _by_joint(self, nv: int) -> tuple[np.ndarray, ...]:

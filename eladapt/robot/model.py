@@ -75,7 +75,7 @@ class Robot:
         return {
             name: value
             for name, value in vars(self).items()
-            if name not in ("weightless", "still", "joint_names")
+            if name not in ("weightless", "still", "joint_names", "_neutral")
         }
 
     @classmethod
@@ -232,9 +232,14 @@ class Robot:
         """The joint coordinates of q (nq,) by joint name, the inverse of `configuration`."""
         return dict(zip(self.joint_names, map(float, self.coordinates(q)), strict=True))
 
-    def coordinates(self, q: np.ndarray) -> np.ndarray:
-        """q (nq,) -> joint coordinates (nv,); those of continuous joints in (-pi, pi]."""
-        return pin.difference(self.model, pin.neutral(self.model), self.check_q(q))
+    def coordinates(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
+        """q (nq,) -> joint coordinates (nv,); those of continuous joints in (-pi, pi]. check: whether q is to
+        be validated."""
+        return pin.difference(self.model, self._neutral, self.check_q(q) if check else q)
+
+    @functools.cached_property
+    def _neutral(self) -> np.ndarray:
+        return pin.neutral(self.model)
 
     def mass_matrix(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
         """M(q) (nv, nv), armature included. check: whether q is to be validated."""
@@ -252,9 +257,12 @@ class Robot:
             pin.computeGeneralizedGravity(self.model, self._scratch.own, self.check_q(q) if check else q)
         )
 
-    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """M a + C v + g (nv,)."""
-        q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
+    def inverse_dynamics(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, check: bool = True
+    ) -> np.ndarray:
+        """M a + C v + g (nv,). check: whether the arguments are to be validated."""
+        if check:
+            q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
         return np.array(pin.rnea(self.model, self._scratch.own, q, v, a))
 
     @functools.cached_property
@@ -264,9 +272,12 @@ class Robot:
         model.gravity = pin.Motion.Zero()
         return model
 
-    def forward_dynamics(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """The acceleration M^-1 (tau - C v - g) (nv,)."""
-        q, v, tau = self.check_q(q), self.check_v(v), self.check_v(tau, "tau")
+    def forward_dynamics(
+        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, *, check: bool = True
+    ) -> np.ndarray:
+        """The acceleration M^-1 (tau - C v - g) (nv,). check: whether the arguments are to be validated."""
+        if check:
+            q, v, tau = self.check_q(q), self.check_v(v), self.check_v(tau, "tau")
         return np.array(pin.aba(self.model, self._scratch.own, q, v, tau))
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:

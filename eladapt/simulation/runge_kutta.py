@@ -52,10 +52,9 @@ def combined(
 @kernel(VIEW, VIEW)
 def finite(q: np.ndarray, v: np.ndarray) -> bool:
     """Whether all numbers are."""
+    good = True
     for i in range(len(q)):
-        if not math.isfinite(q[i]):
-            return False
+        good = good and math.isfinite(q[i])
     for i in range(len(v)):
-        if not math.isfinite(v[i]):
-            return False
-    return True
+        good = good and math.isfinite(v[i])
+    return good

@@ -49,7 +49,7 @@ def test_a_joint_that_has_arrived_keeps_what_holds_it():
     block = DisturbanceEstimate(10.0, tolerance=1e-4, slow=1e-3)
     d, residual = np.full(4, 2.0), np.zeros(4)
     e1, v = np.array([5e-5, 5e-4, 5e-5, 5e-5]), np.array([5e-4, 5e-4, 5e-3, 5e-4])
-    e2 = v + [0.0, 0.0, 0.0, 1e-3]
+    e2 = v + np.array([0.0, 0.0, 0.0, 1e-3])
     kept = block.step(d, residual, unasked, e1, e2, v, DT)
     assert kept[0] == 2.0
     assert np.all(kept[1:] < 2.0)
