@@ -211,8 +211,7 @@ class CompositeController:
         regressor = self.regressors.slotine_li(q, v, reference.v, reference.a, check=False)
         mass_matrix = robot.mass_matrix(q, check=False)
         if self.joints:
-            diagonal = np.einsum("ii->i", mass_matrix)
-            diagonal += self._joint_inertia(self.joints, state)
+            mass_matrix.reshape(-1)[:: robot.nv + 1] += self._joint_inertia(self.joints, state)
         if measurement.t != state.measurement.t:
             moving = mass_matrix if reference.v.any() or reference.a.any() else None
             state = self._advance(state, Sample(measurement, regressor, e1, e2, moving), dt)

@@ -91,18 +91,21 @@ class LearnedJoints:
     ) -> np.ndarray:
         """(nv,) [kg m^2], never less than ``before`` (nv,), which is 0 or more; theta (l,); noise (m,): see
         `noise`."""
-        known = self.surely(self._map, theta - self._nominal, information, noise)  # type: ignore[attr-defined]
+        more = theta - self._nominal  # type: ignore[attr-defined]
+        known = self.surely(self._map, more, information, noise, least=0.0)  # type: ignore[attr-defined]
         return resisting(known, self.largest, self._reach, before)  # type: ignore[attr-defined]
 
     def surely(
-        self, rows: np.ndarray, theta: np.ndarray, information: Information, noise: np.ndarray
-    ) -> np.ndarray:
-        """(m,) rows @ theta, nearer to zero by all that the data leave open; rows (m, l), joint by joint."""
+        self, rows: np.ndarray, theta: np.ndarray, information: Information, noise: np.ndarray,
+        *, least: float = -np.inf,
+    ) -> np.ndarray:  # fmt: skip
+        """(m,) rows @ theta, nearer to zero by all that the data leave open; rows (m, l), joint by joint.
+        What is not above ``least`` counts as 0."""
         if information.prior == 0 or information.weight == 0:
             return np.zeros(len(rows))
         return kernels.surely(
             information.triangle, information.prior, rows, theta, noise, self.alpha * (2 / self.pole), SURE,
-            DEVIATIONS,
+            DEVIATIONS, least,
         )  # fmt: skip
 
     def _viscous_rows(self) -> np.ndarray:

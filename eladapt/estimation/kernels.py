@@ -317,16 +317,17 @@ def variances(triangle: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return result
 
 
-@kernel(MATRIX, SCALAR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
+@kernel(MATRIX, SCALAR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR, SCALAR)
 def surely(
     triangle: np.ndarray, prior: float, rows: np.ndarray, theta: np.ndarray, noise: np.ndarray,
-    scatter: float, doubted: float, deviations: float,
+    scatter: float, doubted: float, deviations: float, least: float,
 ) -> np.ndarray:  # fmt: skip
     """(m,) c theta of combinations c (m, l), nearer to zero by what the data leave open.
 
     By ``doubted`` times the prior's share of what is known of c, and by ``deviations`` standard deviations;
     scatter times noise is the variance that c'F c multiplies, of row i that of i modulo its length. Each of
-    the two leaves nothing from some c'F c on, beyond which that is not worked out.
+    the two leaves nothing from some c'F c on, beyond which that is not worked out. What is not above
+    ``least`` counts as 0.
     """
     m, n = rows.shape
     found = np.zeros(m)
@@ -335,7 +336,7 @@ def surely(
         for k in range(n):
             value += x[k] * theta[k]
             square += x[k] * x[k]
-        if square > 0.0:
+        if square > 0.0 and value > least:
             error = scatter * noise[i % len(noise)]
             most = min(square / (doubted * prior), value * value / (deviations * deviations * error))
             variance = solve_transposed(triangle, x, BEYOND * most)

@@ -88,4 +88,4 @@ def fall_mode(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> Mode:
 def configurations(robot: Robot, samples: int, seed: int) -> list[np.ndarray]:
     """Random ones within the joint limits, the same for the same seed."""
     rng = np.random.default_rng(seed)
-    return [robot.random_configuration(rng) for _ in range(samples)]
+    return robot.random_configurations(rng, samples)

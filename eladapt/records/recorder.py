@@ -1,7 +1,7 @@
 """Collects what happens while a run goes on, and makes the record of it.
 
 A controller says what is kept of it, `Controller.recorded` at every sample and `Controller.reviewed` 30 times
-a second, by these names:
+a second once somebody asks the record for it, by these names:
 
 ========================= ======= ======================================================================
 parameters                (l,)    the estimate, in the order of its labels
@@ -20,18 +20,21 @@ carried (reviewed)        (5,)    the load's mass [kg], its centre [m], and the 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import os
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.errors import ArgumentError, UnknownNameError
 from eladapt.records.description import describe, describe_plant, versions
+from eladapt.records.later import Review
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.robot.protocols import BareController, Rubbing, gate_of, recorded_by, truth_of
+from eladapt.robot.protocols import BareController, Recorded, Rubbing, gate_of, recorded_by, truth_of
 from eladapt.signals import Braking, Fault, Reference
 
 SAMPLED = (
@@ -151,10 +154,13 @@ class Recorder:
         columns.setdefault("parameters", theta)
         size = columns["parameters"].shape[1]
         true, course = self._truth(columns["t"], size)
-        reviewed = self._reviewed()
+        load = truth_of(self.plant).load
+        frame = None if load is None else load.frame or self.robot.tool
+        review = Review(functools.partial(_reviewed, self._recorded, tuple(self._kept), frame))
         return Record(
             **columns, n_potential=theta.shape[1], parameters_true=true, parameters_true_course=course,
-            excitation=reviewed.get("excitation"), carried=reviewed.get("carried"),
+            excitation=cast(Any, functools.partial(review.get, "excitation")),
+            carried=cast(Any, functools.partial(review.get, "carried")),
             final_state=self._state, effort_limit=self.robot.effort_limit,
             velocity_limit=self.robot.velocity_limit, lower=self.robot.lower, upper=self.robot.upper,
             q_index=np.array(list(self.robot.model.idx_qs)[1:]), dt=self.dt,
@@ -192,17 +198,18 @@ class Recorder:
         course = np.where(held[:, None], loaded, bare)
         return course[-1].copy(), course
 
-    def _reviewed(self) -> dict[str, np.ndarray]:
-        """(m, 1 + n) of each name: t [s] and the values, where the controller gave any."""
-        load = truth_of(self.plant).load
-        frame = None if load is None else load.frame or self.robot.tool
-        rows: dict[str, list[np.ndarray]] = {}
-        for t, state in self._kept:
-            found = self._recorded.reviewed(state, frame)
-            _require_known(found, REVIEWED, "reviewed")
-            for name, values in found.items():
-                rows.setdefault(name, []).append(np.array([t, *values]))
-        return {name: np.array(some) for name, some in rows.items()}
+
+def _reviewed(
+    recorded: Recorded, kept: Sequence[tuple[float, Any]], frame: str | None
+) -> dict[str, np.ndarray]:
+    """(m, 1 + n) of each name: t [s] and the values, where the controller gave any."""
+    rows: dict[str, list[np.ndarray]] = {}
+    for t, state in kept:
+        found = recorded.reviewed(state, frame)
+        _require_known(found, REVIEWED, "reviewed")
+        for name, values in found.items():
+            rows.setdefault(name, []).append(np.array([t, *values]))
+    return {name: np.array(some) for name, some in rows.items()}
 
 
 def memory() -> float:
@@ -229,6 +236,6 @@ def _require_known(names: Iterable[str], legal: tuple[str, ...], where: str) -> 
 def _error(robot: Robot, goal: np.ndarray, q: np.ndarray) -> np.ndarray:
     """e1 = q - q_d; nan where a sensor's failure left nothing to subtract."""
     try:
-        return robot.difference(goal, q)
+        return pin.difference(robot.model, goal, robot.check_q(q))
     except ArgumentError:
         return np.full(robot.nv, np.nan)

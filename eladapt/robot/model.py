@@ -6,6 +6,7 @@ damping and friction nowhere), checked arguments, and limits in which 0 or missi
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ from eladapt.robot.joint_limits import (
     clipped_neutral,
     position_limits,
     published_limits,
-    random_configuration,
+    random_configurations,
     set_or_inf,
 )
 from eladapt.robot.reading import frame_index, last_body, read_document, read_robot, read_visuals
@@ -72,11 +73,9 @@ class Robot:
 
     def __getstate__(self) -> dict[str, Any]:
         """What a pickle holds: all but what was computed."""
-        return {
-            name: value
-            for name, value in vars(self).items()
-            if name not in ("weightless", "still", "joint_names", "_neutral")
-        }
+        kind, kept = type(self), vars(self)
+        computed = {n for n in kept if isinstance(getattr(kind, n, None), functools.cached_property)}
+        return {name: value for name, value in kept.items() if name not in computed}
 
     @classmethod
     def from_urdf(
@@ -299,7 +298,11 @@ class Robot:
 
     def random_configuration(self, rng: np.random.Generator) -> np.ndarray:
         """q (nq,) uniform within the joint limits; (-pi, pi) where none is set."""
-        return random_configuration(self.model, rng)
+        return self.random_configurations(rng, 1)[0]
+
+    def random_configurations(self, rng: np.random.Generator, count: int) -> list[np.ndarray]:
+        """So many of them."""
+        return random_configurations(self.model, rng, count)
 
     def document(self) -> Element:
         """The URDF's <robot> element, read again, with locked joints held and links weighed."""
@@ -315,6 +318,10 @@ class Robot:
     @property
     def source(self) -> dict[str, Any]:
         """What `from_source` needs to build this robot again; plain JSON types."""
+        return copy.deepcopy(self._source)
+
+    @functools.cached_property
+    def _source(self) -> dict[str, Any]:
         if self.name in library.names():
             listed = Robot.load(self.name)
             if listed.model == self.model and listed._beside_the_model() == self._beside_the_model():
