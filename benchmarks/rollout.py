@@ -100,7 +100,7 @@ class Worker:
     """A process that measures a checkout."""
 
     def __init__(self, checkout: Path, name: str):
-        environment = {**os.environ, "PYTHONPATH": str(checkout)}
+        environment = {**os.environ, "PYTHONPATH": str(checkout), "OPENBLAS_NUM_THREADS": "1"}
         command = [sys.executable, __file__, "--serve", name]
         self._process = subprocess.Popen(
             command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
