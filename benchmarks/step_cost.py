@@ -110,7 +110,7 @@ def blocks(controller: ea.CompositeController, now: Situation) -> dict[str, Call
         "disturbance": lambda: controller._disturbance(state, sample, motion, DT),
         "inertia": lambda: (
             robot.mass_matrix(q, check=False),
-            controller.joints and controller.joints.inertia(theta, information, state.noise),
+            controller.joints and controller._joint_inertia(controller.joints, state),
         ),
         "control law": lambda: controller.control.torque(e1, e2, mass, DT),
         "whole step": lambda: controller.step(state, measurement, goal, DT),

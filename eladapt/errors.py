@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+DOUBLE = np.dtype(float)
+
 
 def printable(text: str) -> str:
     """A text from outside as a terminal may have it: what steers a terminal or turns text round is escaped.
@@ -198,6 +200,20 @@ class RankWarning(EladaptWarning):
 
 def require_vector(name: str, value: Any, size: int) -> np.ndarray:
     """``value`` as a float vector of shape (size,); ArgumentError when it is not, or not finite."""
+    vector = value if is_vector(value, size) else _as_vector(name, value, size)
+    # One dot product finds what is not finite; it may overflow, so the answer no is asked for twice.
+    if not math.isfinite(vector.dot(vector)) and not np.isfinite(vector).all():
+        raise ArgumentError(f"{name}: expected finite numbers of shape ({size},), got {vector}")
+    return vector
+
+
+def is_vector(value: object, size: int) -> bool:
+    """Whether it is a plain array of ``size`` doubles."""
+    return type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (size,)
+
+
+def _as_vector(name: str, value: Any, size: int) -> np.ndarray:
+    """``value`` as a float vector of shape (size,); ArgumentError when it is not."""
     try:
         given = np.asarray(value)
         if given.dtype.kind == "c":  # numpy would drop the imaginary parts
@@ -207,9 +223,6 @@ def require_vector(name: str, value: Any, size: int) -> np.ndarray:
         raise ArgumentError(f"{name}: expected {size} numbers, got {value!r} ({reason})") from None
     if vector.shape != (size,):
         raise ArgumentError(f"{name}: expected shape ({size},), got {vector.shape}")
-    # One dot product finds what is not finite; it may overflow, so the answer no is asked for twice.
-    if not math.isfinite(vector.dot(vector)) and not np.isfinite(vector).all():
-        raise ArgumentError(f"{name}: expected finite numbers of shape ({size},), got {vector}")
     return vector
 
 

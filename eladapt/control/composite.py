@@ -17,7 +17,7 @@ from eladapt.control.learned_joints import LearnedJoints
 from eladapt.control.reports import carried
 from eladapt.control.starting import starting_parameters
 from eladapt.control.state import ControllerState
-from eladapt.control.stepping import Sample, checked_step, elapsed
+from eladapt.control.stepping import Sample, checked_step, clipped, elapsed, free, resting
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import ChangeDetector, Snapshot
@@ -212,8 +212,7 @@ class CompositeController:
         regressor = self.regressors.slotine_li(q, v, reference.v, reference.a, check=False)
         mass_matrix = robot.mass_matrix(q, check=False)
         if self.joints:
-            diagonal = np.einsum("ii->i", mass_matrix)
-            diagonal += self._joint_inertia(self.joints, state)
+            mass_matrix.reshape(-1)[:: robot.nv + 1] += self._joint_inertia(self.joints, state)
         if measurement.t != state.measurement.t:
             moving = mass_matrix if reference.v.any() or reference.a.any() else None
             state = self._advance(state, Sample(measurement, regressor, e1, e2, moving), dt)
@@ -222,8 +221,7 @@ class CompositeController:
         if state.disturbance is not None:
             wanted += state.disturbance
         wanted = require_vector("torque of the control law", wanted, robot.nv)
-        limit = self.effort_limit
-        return state, np.minimum(np.maximum(wanted, -limit), limit)  # a third of np.clip's time
+        return state, clipped(wanted, self.effort_limit)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -310,8 +308,7 @@ class CompositeController:
         if self.touch is None or state.contact is None or motion is None:
             return state.contact
         _, q, v, tau = sample.measurement
-        arrived = bool(np.array_equal(sample.e2, v) and np.abs(sample.e1).max() < ARRIVED)
-        still = bool(np.abs(v).max() < STILL)
+        arrived, still = resting(sample.e1, sample.e2, v, ARRIVED, STILL)
         outside = motion @ state.parameters - tau
         return self.touch.step(state.contact, outside, q, state.parameters, arrived, still, dt)
 
@@ -321,14 +318,25 @@ class CompositeController:
         """d (nv,) [N m] after the step."""
         if self.disturbance is None or state.disturbance is None or motion is None:
             return state.disturbance
-        residual, friction = self._unexplained(state, sample, motion)
-        v = sample.measurement.v
-        return self.disturbance.step(state.disturbance, residual, friction, sample.e1, v, sample.e2 == v, dt)
+        (_, _, v, tau), regressor, e1, e2, _ = sample
+        residual, rows = unexplained(
+            tau, motion, regressor, state.parameters, e1, e2, v, self.rest_speed, self._friction.start,
+            self._first_offset, self._friction.stop,
+        )  # fmt: skip
+        friction = functools.partial(self._friction_beside, state, rows)
+        return self.disturbance.step(state.disturbance, residual, friction, e1, e2, v, dt)
+
+    def _friction_beside(self, state: ControllerState, rows: np.ndarray) -> np.ndarray:
+        """(nv,) [N m] how much more friction there is than is fed forward, as far as it is known; rows (nv,
+        l): of `unexplained`."""
+        if not self.joints:
+            return np.zeros(len(rows))
+        return self.joints.surely(rows, state.parameters, state.information, state.noise)
 
     def _joint_inertia(self, joints: LearnedJoints, state: ControllerState) -> np.ndarray:
         """(nv,) [kg m^2] what is known of the joints now, or was before the last change."""
-        before = 0.0 if state.inertia is None else state.inertia
-        return np.maximum(joints.inertia(state.parameters, state.information, state.noise), before)
+        before = np.zeros(self.robot.nv) if state.inertia is None else state.inertia
+        return joints.inertia(state.parameters, state.information, state.noise, before)
 
     def _descend(self, state: ControllerState, sample: Sample, dt: float) -> np.ndarray:
         """theta (l,) after the direct term, in the joints that move and whose torque is not clipped, and for
@@ -338,22 +346,8 @@ class CompositeController:
         their sum, and the direct one would drive them apart without end.
         """
         (_, _, v, tau), regressor, e1, e2, moving = sample
-        free = (np.abs(tau) < self.effort_limit) & (np.abs(v) >= self.rest_speed)
-        return self.law.descend(state.parameters, regressor, e1, e2, dt, free, self._friction, moving)
-
-    def _unexplained(
-        self, state: ControllerState, sample: Sample, motion: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(nv,) [N m] what of the torque neither theta nor the feed-forward explains; and how much more
-        friction there is at v than is fed forward, as far as it is known."""
-        (_, _, v, tau), regressor, e1, e2, _ = sample
-        residual, rows = unexplained(
-            tau, motion, regressor, state.parameters, e1, e2, v, self.rest_speed, self._friction.start,
-            self._first_offset, self._friction.stop,
-        )  # fmt: skip
-        if not self.joints:
-            return residual, np.zeros_like(v)
-        return residual, self.joints.surely(rows, state.parameters, state.information, state.noise)
+        joints = free(tau, v, self.effort_limit, self.rest_speed)
+        return self.law.descend(state.parameters, regressor, e1, e2, dt, joints, self._friction, moving)
 
     @functools.cached_property
     def _friction(self) -> slice:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import expm1
 
 import numpy as np
 
-from eladapt.compiling import COUNT, FLAGS, MATRIX, SCALAR, VECTOR, kernel
+from eladapt.compiling import COUNT, MATRIX, SCALAR, VECTOR, kernel
 from eladapt.errors import ArgumentError, require_gain, require_number
 
 CREEPING = 0.3  # [rad/s]
@@ -45,19 +46,29 @@ def unexplained(
     return residual, rows
 
 
-@kernel(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
 def followed(
-    d: np.ndarray, residual: np.ndarray, friction: np.ndarray, e1: np.ndarray, v: np.ndarray,
-    still: np.ndarray, limit: np.ndarray, moving: np.ndarray, memory: np.ndarray, tolerance: float,
-    slow: float, dt: float,
-) -> np.ndarray:  # fmt: skip
-    """d after dt, see `DisturbanceEstimate.step`."""
-    after = d.copy()
+    d: np.ndarray, residual: np.ndarray, e1: np.ndarray, e2: np.ndarray, v: np.ndarray, limit: np.ndarray,
+    moving: np.ndarray, memory: np.ndarray, tolerance: float, slow: float, dt: float,
+) -> tuple[np.ndarray, bool]:  # fmt: skip
+    """d after dt, and whether any of it is beyond its limits, see `DisturbanceEstimate.step`."""
+    after, beyond = d.copy(), False
     for i in range(len(d)):
-        if not (still[i] and abs(v[i]) < slow and abs(e1[i]) < tolerance):
+        if not (e2[i] == v[i] and abs(v[i]) < slow and abs(e1[i]) < tolerance):
             after[i] -= expm1(-dt / memory[i]) * (residual[i] - d[i])
+        beyond = beyond or abs(after[i]) > (limit[i] if abs(v[i]) < CREEPING else moving[i])
+    return after, beyond
+
+
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)
+def bounded(
+    d: np.ndarray, friction: np.ndarray, v: np.ndarray, limit: np.ndarray, moving: np.ndarray
+) -> np.ndarray:
+    """d within its limits beyond what overcomes friction."""
+    after = np.empty(len(d))
+    for i in range(len(d)):
         most = limit[i] if abs(v[i]) < CREEPING else moving[i]
-        after[i] = min(max(after[i], min(friction[i], 0.0) - most), max(friction[i], 0.0) + most)
+        after[i] = min(max(d[i], min(friction[i], 0.0) - most), max(friction[i], 0.0) + most)
     return after
 
 
@@ -98,19 +109,18 @@ class DisturbanceEstimate:
         return np.zeros(nv)
 
     def step(
-        self, d: np.ndarray, residual: np.ndarray, friction: np.ndarray, e1: np.ndarray, v: np.ndarray,
-        still: np.ndarray, dt: float,
+        self, d: np.ndarray, residual: np.ndarray, friction: Callable[[], np.ndarray], e1: np.ndarray,
+        e2: np.ndarray, v: np.ndarray, dt: float,
     ) -> np.ndarray:  # fmt: skip
         """d (nv,) [N m] after a step of dt [s].
 
-        residual (nv,) [N m]: torque less model over the step; friction (nv,) [N m]: how much more there is
-        at v than is fed forward, as far as it is known; e1 (nv,) [rad]; v (nv,) [rad/s]; still (nv,): which
-        joints are to stand still.
+        residual (nv,) [N m]: torque less model over the step; friction: makes (nv,) [N m], how much more
+        there is at v than is fed forward, as far as it is known, and is asked only where d would be beyond
+        its limits without; e1 (nv,) [rad], e2, v (nv,) [rad/s]: joints with e2 = v are to stand still.
         """
         limit, moving, memory = self._by_joint(len(d))
-        return followed(
-            d, residual, friction, e1, v, still, limit, moving, memory, self.tolerance, self.slow, dt
-        )
+        after, beyond = followed(d, residual, e1, e2, v, limit, moving, memory, self.tolerance, self.slow, dt)
+        return bounded(after, friction(), v, limit, moving) if beyond else after
 
     def _by_joint(self, nv: int) -> tuple[np.ndarray, ...]:
         """limit, moving and memory, (nv,) each."""

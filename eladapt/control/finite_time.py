@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from eladapt.compiling import prepare
-from eladapt.control.proximal import ITERATIONS, Solution, signed_power, solve_coupled
+from eladapt.control.proximal import ITERATIONS, Solution, signed_power, solve_coupled, solved_torque
 from eladapt.errors import ArgumentError, require_gain, require_number
 
 Evaluation = Literal["explicit", "slope_limited", "semi_implicit"]
@@ -100,8 +100,8 @@ class FiniteTimePD:
             return self.law(e1, e2)
         if self.evaluation == "slope_limited":
             return self._slope_limited(e1, e2, mass_matrix, dt)
-        horizon = np.maximum(self.gains(len(e2))[-1], dt)
-        return semi_implicit_solution(self, e1, e2, mass_matrix, horizon).torque
+        P, D, D_L, horizon = self.gains(len(e2))
+        return solved_torque(e1, e2, mass_matrix, P, D, D_L, self.a, self.b, horizon, dt)
 
     def _slope_limited(
         self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float

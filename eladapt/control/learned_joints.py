@@ -40,13 +40,17 @@ def left_of_rows(
     return after
 
 
-@kernel(VECTOR, VECTOR, VECTOR)
-def resisting(known: np.ndarray, largest: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """(nv,) rotors, at most the largest, and viscous friction over its reach; ``known`` (2 nv,): both."""
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR)
+def resisting(
+    known: np.ndarray, largest: np.ndarray, reach: np.ndarray, before: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """(nv,) rotors, at most the largest, and viscous friction over its reach, not less than ``before``;
+    ``known`` (2 nv,): both."""
     n = len(largest)
     inertia = np.empty(n)
     for i in range(n):
-        inertia[i] = min(max(known[i], 0.0), largest[i]) + reach[i] * max(known[n + i], 0.0)
+        now = min(max(known[i], 0.0), largest[i]) + reach[i] * max(known[n + i], 0.0)
+        inertia[i] = max(now, before[i])
     return inertia
 
 
@@ -82,19 +86,27 @@ class LearnedJoints:
         that say nothing leave it as it was."""
         return left_of_rows(before, regression.y, regression.omega, theta, min(1.0, NOISE_RATE * dt))
 
-    def inertia(self, theta: np.ndarray, information: Information, noise: np.ndarray) -> np.ndarray:
-        """(nv,) [kg m^2], never less than 0; theta (l,); noise (m,): see `noise`."""
-        known = self.surely(self._map, theta - self._nominal, information, noise)  # type: ignore[attr-defined]
-        return resisting(known, self.largest, self._reach)  # type: ignore[attr-defined]
+    def inertia(
+        self, theta: np.ndarray, information: Information, noise: np.ndarray, before: np.ndarray
+    ) -> np.ndarray:
+        """(nv,) [kg m^2], never less than ``before`` (nv,), which is 0 or more; theta (l,); noise (m,): see
+        `noise`."""
+        more = theta - self._nominal  # type: ignore[attr-defined]
+        known = self.surely(self._map, more, information, noise, least=0.0)  # type: ignore[attr-defined]
+        return resisting(known, self.largest, self._reach, before)  # type: ignore[attr-defined]
 
     def surely(
-        self, rows: np.ndarray, theta: np.ndarray, information: Information, noise: np.ndarray
-    ) -> np.ndarray:
-        """(m,) rows @ theta, nearer to zero by all that the data leave open; rows (m, l), joint by joint."""
+        self, rows: np.ndarray, theta: np.ndarray, information: Information, noise: np.ndarray,
+        *, least: float = -np.inf,
+    ) -> np.ndarray:  # fmt: skip
+        """(m,) rows @ theta, nearer to zero by all that the data leave open; rows (m, l), joint by joint.
+        What is not above ``least`` counts as 0."""
         if information.prior == 0 or information.weight == 0:
             return np.zeros(len(rows))
-        scatter = self.alpha * (2 / self.pole) * noise
-        return kernels.surely(information.triangle, information.prior, rows, theta, scatter, SURE, DEVIATIONS)
+        return kernels.surely(
+            information.triangle, information.prior, rows, theta, noise, self.alpha * (2 / self.pole), SURE,
+            DEVIATIONS, least,
+        )  # fmt: skip
 
     def _viscous_rows(self) -> np.ndarray:
         """(nv, l): viscous coefficients that a change of theta makes."""

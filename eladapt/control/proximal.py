@@ -212,3 +212,15 @@ def solve_coupled(
             -P[i] * copysign(abs(x[i]) ** a, x[i]) - D[i] * copysign(abs(w[i]) ** b, w[i]) - D_L[i] * w[i]
         )
     return Solution(x, w, torque, evaluations, size / scale if scale > 0.0 else 0.0)
+
+
+@kernel(VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, VECTOR, SCALAR)
+def solved_torque(
+    e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, P: np.ndarray, D: np.ndarray, D_L: np.ndarray,
+    a: float, b: float, horizon: np.ndarray, least: float,
+) -> np.ndarray:  # fmt: skip
+    """(nv,) the torque of `solve_coupled`, for horizons that are ``least`` or more."""
+    longer = np.empty(len(horizon))
+    for i in range(len(horizon)):
+        longer[i] = max(horizon[i], least)
+    return solve_coupled(e1, e2, mass_matrix, P, D, D_L, a, b, longer, ITERATIONS).torque

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eladapt.compiling import SCALAR, VECTOR, kernel
 from eladapt.errors import ArgumentError, require_number
 from eladapt.signals import Measurement
 
@@ -22,6 +23,34 @@ class Sample(NamedTuple):
     e1: np.ndarray  # (nv,) q - q_d [rad or m]
     e2: np.ndarray  # (nv,) v - v_d
     moving: np.ndarray | None  # (nv, nv) M(q) where the reference moves
+
+
+@kernel(VECTOR, VECTOR, VECTOR, SCALAR, SCALAR)
+def resting(e1: np.ndarray, e2: np.ndarray, v: np.ndarray, near: float, slow: float) -> tuple[bool, bool]:
+    """Whether an arm is ``near`` [rad] to a goal at rest, and whether it is slower than ``slow`` [rad/s]."""
+    arrived, still = True, True
+    for i in range(len(v)):
+        arrived = arrived and e2[i] == v[i] and abs(e1[i]) < near
+        still = still and abs(v[i]) < slow
+    return arrived, still
+
+
+@kernel(VECTOR, VECTOR, VECTOR, SCALAR)
+def free(tau: np.ndarray, v: np.ndarray, limit: np.ndarray, slow: float) -> np.ndarray:
+    """(nv,) which joints' torque is below its limit, and which are not slower than ``slow`` [rad/s]."""
+    found = np.empty(len(tau), dtype=np.bool_)
+    for i in range(len(tau)):
+        found[i] = abs(tau[i]) < limit[i] and abs(v[i]) >= slow
+    return found
+
+
+@kernel(VECTOR, VECTOR)
+def clipped(tau: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """tau (nv,) within the limits."""
+    found = np.empty(len(tau))
+    for i in range(len(tau)):
+        found[i] = min(max(tau[i], -limit[i]), limit[i])
+    return found
 
 
 def checked_step(dt: float, nominal: float | None) -> float:

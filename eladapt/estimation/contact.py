@@ -12,11 +12,13 @@ own weight and friction.
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from eladapt.compiling import SCALAR, VECTOR, kernel
 from eladapt.errors import require_gain, require_number
 from eladapt.estimation.payload import payload_regressor
 from eladapt.regressors.regressors import Regressors
@@ -47,6 +49,36 @@ class ContactState(NamedTuple):
     def acting(self) -> bool:
         """Whether it touches something, or may: nothing is learned meanwhile."""
         return self.since >= 0.0
+
+
+@kernel(VECTOR, VECTOR, SCALAR)
+def averaged(mean: np.ndarray, now: np.ndarray, share: float) -> np.ndarray:
+    """(nv,) ``share`` of the way from the mean to what is now."""
+    found = np.empty(len(mean))
+    for i in range(len(mean)):
+        found[i] = mean[i] + share * (now[i] - mean[i])
+    return found
+
+
+@kernel(VECTOR, VECTOR, VECTOR, SCALAR)
+def scattered(scatter: np.ndarray, external: np.ndarray, usual: np.ndarray, share: float) -> np.ndarray:
+    """(nv,) the same for the mean square of what is off the usual."""
+    found = np.empty(len(scatter))
+    for i in range(len(scatter)):
+        found[i] = scatter[i] + share * ((external[i] - usual[i]) ** 2 - scatter[i])
+    return found
+
+
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR, SCALAR)
+def within(
+    external: np.ndarray, usual: np.ndarray, scatter: np.ndarray, effort: np.ndarray, least: float
+) -> bool:
+    """Whether nothing acts that is new: off the usual by no more than ``least`` of the effort, or than the
+    scatter may be."""
+    for i in range(len(usual)):
+        if abs(external[i] - usual[i]) > max(least * effort[i], DEVIATIONS * math.sqrt(scatter[i])):
+            return False
+    return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,17 +116,17 @@ class ContactDetector:
     ) -> ContactState:  # fmt: skip
         """A step of dt [s]: the external torque over it (nv,) [N m], the posture q (nq,), the estimate theta
         (l,), whether the arm is at a goal that rests, and whether it stands still there."""
-        external = state.external - np.expm1(-dt / self.memory) * (outside - state.external)
-        state = state._replace(external=external)
+        external = averaged(state.external, outside, -math.expm1(-dt / self.memory))
         if state.since < 0:
-            return self._resting(state, arrived, still, dt)
+            return self._resting(state, external, arrived, still, dt)
+        state = state._replace(external=external)
         since = state.since + dt
         if not state.touching:
             if since < self.patience:
                 return state._replace(since=since)
             touching = self.unlike_a_load(external - state.usual, q, state.scatter, self._carried(theta))
             return state._replace(since=since if touching else -1.0, touching=touching, rested=0.0, gone=0.0)
-        gone = state.gone + dt if np.all(np.abs(external - state.usual) < self._nothing(state)) else 0.0
+        gone = state.gone + dt if self._nothing_new(state, external) else 0.0
         over = gone > QUIET or since > self.longest
         return state._replace(since=-1.0 if over else since, touching=not over, gone=gone)
 
@@ -119,24 +151,27 @@ class ContactDetector:
         noise = float(np.linalg.norm(np.sqrt(scatter) / self.effort))
         return float(np.linalg.norm(missed)) > self.misfit * float(np.linalg.norm(felt)) + MISSED * noise
 
-    def _resting(self, state: ContactState, arrived: bool, still: bool, dt: float) -> ContactState:
+    def _resting(
+        self, state: ContactState, external: np.ndarray, arrived: bool, still: bool, dt: float
+    ) -> ContactState:
         """The state while nothing new acts, or when it begins to."""
+        _, usual, scatter, rested, since, touching, gone = state
         if not arrived:
-            return state._replace(rested=0.0)
-        apart = state.external - state.usual
-        if state.rested > self.rest and np.any(np.abs(apart) > self._nothing(state)):
-            return state._replace(since=0.0)
-        if not still:
-            return state._replace(rested=state.rested - dt if state.rested > self.rest else 0.0)
-        share = -np.expm1(-dt / self.rest)
-        usual = state.usual + share * apart if state.rested > 0 else state.external
-        scatter = state.scatter + share * (apart**2 - state.scatter) if state.rested > 0 else state.scatter
-        rested = min(state.rested + dt, self.rest + GRACE)
-        return state._replace(usual=usual, scatter=scatter, rested=rested)
+            rested = 0.0
+        elif rested > self.rest and not self._nothing_new(state, external):
+            since = 0.0
+        elif not still:
+            rested = rested - dt if rested > self.rest else 0.0
+        else:
+            share = -math.expm1(-dt / self.rest)
+            if rested > 0:
+                scatter = scattered(scatter, external, usual, share)
+            usual = averaged(usual, external, share) if rested > 0 else external
+            rested = min(rested + dt, self.rest + GRACE)
+        return ContactState(external, usual, scatter, rested, since, touching, gone)
 
-    def _nothing(self, state: ContactState) -> np.ndarray:
-        """(nv,) [N m] below which nothing is new."""
-        return np.maximum(self.least * self.effort, DEVIATIONS * np.sqrt(state.scatter))
+    def _nothing_new(self, state: ContactState, external: np.ndarray) -> bool:
+        return within(external, state.usual, state.scatter, self.effort, self.least)
 
     def _carried(self, theta: np.ndarray) -> float:
         """[kg] by how much the tool is heavier than in the URDF."""

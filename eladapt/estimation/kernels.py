@@ -16,6 +16,7 @@ from eladapt.compiling import MATRIX, SCALAR, VECTOR, kernel
 TINY = 1e-300
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faster
 SWEEPS = 30  # of Jacobi's rotations over a few rows; 3 to 5 are typical
+BEYOND = 1 + 1e-9  # rounding
 ROTATED = 1e-15  # cosine between two rows that counts as orthogonal
 
 
@@ -56,8 +57,9 @@ def eliminate(triangle: np.ndarray, rows: np.ndarray, added: int) -> None:
 
 
 @kernel(fastmath=REORDERED)
-def solve_transposed(triangle: np.ndarray, x: np.ndarray) -> float:
-    """x <- T'^-1 x in place, and its squared length; not finite where T is singular."""
+def solve_transposed(triangle: np.ndarray, x: np.ndarray, most: float) -> float:
+    """x <- T'^-1 x in place, and its squared length; not finite where T is singular. It stops where that is
+    more than ``most``."""
     n, square = len(x), 0.0
     for j in range(n):
         value = x[j] / triangle[j, j]
@@ -65,6 +67,8 @@ def solve_transposed(triangle: np.ndarray, x: np.ndarray) -> float:
             continue
         x[j] = value
         square += value * value
+        if square > most:
+            break
         rest, row = x[j + 1 :], triangle[j, j + 1 : n]
         for k in range(len(rest)):
             rest[k] -= row[k] * value
@@ -116,7 +120,7 @@ def smallest(triangle: np.ndarray, start: np.ndarray) -> tuple[float, np.ndarray
     length; (0, start) where T is singular."""
     n = len(start)
     direction = start.copy()
-    square = solve_transposed(triangle, direction)
+    square = solve_transposed(triangle, direction, inf)
     if not 0.0 < square < inf:
         return 0.0, start
     for k in range(n):
@@ -286,7 +290,7 @@ def prediction_error(triangle: np.ndarray, prior: float, theta: np.ndarray) -> n
             error[k] = triangle[k, n]
         solve(triangle, error)
         regular = theta.copy()
-        solve_transposed(triangle, regular)
+        solve_transposed(triangle, regular, inf)
         solve(triangle, regular)
         for k in range(n):
             error[k] += prior * regular[k] - theta[k]
@@ -309,19 +313,21 @@ def variances(triangle: np.ndarray, rows: np.ndarray) -> np.ndarray:
     result = np.empty(len(rows))
     for i in range(len(rows)):
         x = rows[i].copy()
-        result[i] = solve_transposed(triangle, x)
+        result[i] = solve_transposed(triangle, x, inf)
     return result
 
 
-@kernel(MATRIX, SCALAR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR)
+@kernel(MATRIX, SCALAR, MATRIX, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR, SCALAR)
 def surely(
     triangle: np.ndarray, prior: float, rows: np.ndarray, theta: np.ndarray, noise: np.ndarray,
-    doubted: float, deviations: float,
+    scatter: float, doubted: float, deviations: float, least: float,
 ) -> np.ndarray:  # fmt: skip
     """(m,) c theta of combinations c (m, l), nearer to zero by what the data leave open.
 
     By ``doubted`` times the prior's share of what is known of c, and by ``deviations`` standard deviations;
-    noise: variance that c'F c multiplies, of row i at i modulo its length.
+    scatter times noise is the variance that c'F c multiplies, of row i that of i modulo its length. Each of
+    the two leaves nothing from some c'F c on, beyond which that is not worked out. What is not above
+    ``least`` counts as 0.
     """
     m, n = rows.shape
     found = np.zeros(m)
@@ -330,9 +336,11 @@ def surely(
         for k in range(n):
             value += x[k] * theta[k]
             square += x[k] * x[k]
-        if square > 0.0:
-            variance = solve_transposed(triangle, x)
+        if square > 0.0 and value > least:
+            error = scatter * noise[i % len(noise)]
+            most = min(square / (doubted * prior), value * value / (deviations * deviations * error))
+            variance = solve_transposed(triangle, x, BEYOND * most)
             size = abs(value) * max(0.0, 1 - doubted * prior * variance / square)
-            size -= deviations * sqrt(noise[i % len(noise)] * variance)
+            size -= deviations * sqrt(error * variance)
             found[i] = copysign(max(size, 0.0), value)
     return found

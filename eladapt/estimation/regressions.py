@@ -154,10 +154,12 @@ class ForceBalance:
         model = self.regressors.robot.model
         moved = pin.difference(model, q0, q)
         if self.interpolation == "linear":
-            *ways, one, two, slope = path_points(GAUSS, moved, v0, v, dt)
-            rates: Any = ((one, slope), (two, slope))
-        else:
-            ways, rates = self._bent_path(moved, v0, v, dt)
+            way, further, one, two, slope = path_points(GAUSS, moved, v0, v, dt)
+            return [
+                (pin.integrate(model, q0, way), one, slope),
+                (pin.integrate(model, q0, further), two, slope),
+            ]
+        ways, rates = self._bent_path(moved, v0, v, dt)
         return [(pin.integrate(model, q0, way), *rate) for way, rate in zip(ways, rates, strict=True)]
 
     def _bent_path(self, moved: np.ndarray, before: np.ndarray, after: np.ndarray, dt: float) -> Any:

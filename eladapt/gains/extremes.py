@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +13,7 @@ from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.robot.reading import frame_index
 
+_EXTREMES: WeakKeyDictionary[Robot, dict[tuple[int, int], Extremes]] = WeakKeyDictionary()
 SAMPLES = 200  # configurations over which the extremes of M and g are taken
 
 
@@ -29,10 +32,18 @@ class Mode(NamedTuple):
 
 
 def extremes(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> Extremes:
-    """Over configurations within the joint limits."""
-    postures = configurations(robot, samples, seed)
+    """Over configurations within the joint limits; of a robot once, since gains, gate and plant all ask."""
+    known = _EXTREMES.setdefault(robot, {})
+    if (samples, seed) not in known:
+        known[samples, seed] = _extremes(robot, configurations(robot, samples, seed))
+    return known[samples, seed]
+
+
+def _extremes(robot: Robot, postures: Sequence[np.ndarray]) -> Extremes:
     gravity = np.max([np.abs(robot.gravity(q)) for q in postures], axis=0)
     inertia = np.max([np.diag(robot.mass_matrix(q)) for q in postures], axis=0)
+    for largest in (gravity, inertia):
+        largest.setflags(write=False)
     return Extremes(gravity, inertia)
 
 
@@ -88,4 +99,4 @@ def fall_mode(robot: Robot, samples: int = SAMPLES, seed: int = 0) -> Mode:
 def configurations(robot: Robot, samples: int, seed: int) -> list[np.ndarray]:
     """Random ones within the joint limits, the same for the same seed."""
     rng = np.random.default_rng(seed)
-    return [robot.random_configuration(rng) for _ in range(samples)]
+    return robot.random_configurations(rng, samples)

@@ -257,10 +257,11 @@ class Shaped(Around):
         where the planner finds no way."""
         frame = self._frame
         problem, trajectory, planner = frame.planning.own
+        there = beside(way, *reference[1:], *goal[1:], *frame.limits[:2], dt)
         (
             problem.current_position, problem.current_velocity, problem.current_acceleration,
             problem.min_velocity, problem.max_velocity, problem.min_acceleration, problem.max_acceleration,
-        ) = beside(way, *reference[1:], *goal[1:], *frame.limits[:2], dt)  # fmt: skip
+        ) = there.tolist()  # fmt: skip  # ruckig takes lists in a tenth of the time
         for together in (Synchronization.Time, Synchronization.No):
             problem.synchronization = together
             try:  # some states in the midst of reversals cannot arrive together

@@ -56,7 +56,10 @@ def innermost(described: Any) -> Mapping[str, Any]:
 
 def versions() -> dict[str, str]:
     """The releases that made a record."""
-    return {name: importlib.metadata.version(name) for name in ("eladapt", "pin", "numpy", "scipy")}
+    return {name: _version(name) for name in ("eladapt", "pin", "numpy", "scipy")}
+
+
+_version = functools.cache(importlib.metadata.version)  # milliseconds, of which a short run has few
 
 
 def identity(controller: Any) -> dict[str, str]:

@@ -14,6 +14,7 @@ import numpy as np
 from eladapt.errors import ArgumentError, RecordError, require_number
 from eladapt.files import atomic_write
 from eladapt.records.archive import read_archive, reading
+from eladapt.records.later import Later
 from eladapt.records.metrics import Extreme, Metrics, chatter, furthest_beyond, largest_speed, settled
 from eladapt.signals import Braking, Fault
 
@@ -71,8 +72,8 @@ class Record:
     level: np.ndarray | None = None  # (N,) smallest eigenvalue of what the estimator accumulated
     innovation: np.ndarray | None = None  # (N,) what a regression said that nothing before it had
     external: np.ndarray | None = None  # (N, nv) [N m] what was felt to act on the arm from outside
-    excitation: np.ndarray | None = None  # (m, 1 + j) t [s], what is known of gravity, in [0, 1]
-    carried: np.ndarray | None = None  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
+    excitation: Later = Later()  # (m, 1 + j) t [s], what is known of gravity, in [0, 1]
+    carried: Later = Later()  # (m, 6) t [s], load's estimated mass [kg], centre [m], misfit
     lower: np.ndarray | None = None  # (nv,) [rad or m] of the joints' ranges, -inf where there is none
     upper: np.ndarray | None = None  # (nv,) inf where there is none
     q_index: np.ndarray | None = None  # (nv,) where a joint's coordinate stands in q
@@ -82,6 +83,10 @@ class Record:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a pickle holds: the values."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     def __repr__(self) -> str:
         learned = f", {len(self.parameter_labels)} parameters" if self.parameter_labels else ""

@@ -1,7 +1,7 @@
 """Collects what happens while a run goes on, and makes the record of it.
 
 A controller says what is kept of it, `Controller.recorded` at every sample and `Controller.reviewed` 30 times
-a second, by these names:
+a second once somebody asks the record for it, by these names:
 
 ========================= ======= ======================================================================
 parameters                (l,)    the estimate, in the order of its labels
@@ -20,18 +20,21 @@ carried (reviewed)        (5,)    the load's mass [kg], its centre [m], and the 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import os
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.errors import ArgumentError, UnknownNameError
 from eladapt.records.description import describe, describe_plant, versions
+from eladapt.records.later import Review
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.robot.protocols import BareController, Rubbing, gate_of, recorded_by, truth_of
+from eladapt.robot.protocols import BareController, Recorded, Rubbing, gate_of, recorded_by, truth_of
 from eladapt.signals import Braking, Fault, Reference
 
 SAMPLED = (
@@ -67,6 +70,7 @@ class Recorder:
         self.plant, self.count, self.capacity = plant, 0, capacity
         self._recorded = recorded_by(controller)
         self._columns: dict[str, np.ndarray] = {}
+        self._given: frozenset[str] = frozenset()  # what the controller gave for the last sample
         self._state: Any = None
         self._kept: list[tuple[float, Any]] = []  # states that are reviewed afterwards
         self._faults: list[Fault] | None = None  # None: there is no gate
@@ -80,11 +84,12 @@ class Recorder:
         sample = self._sample(t, q, v, tau, goal, state)
         if "fault" in sample:
             self._notice(sample.pop("fault"))
+        if sample.keys() != self._columns.keys():
+            self._make_room(sample)
         self._state = state
         self._brake(t, state)
         if not self._kept or t - self._kept[-1][0] >= REVIEW_PERIOD - self.dt / 2:
             self._kept.append((t, state))
-        self._make_room(sample)
         for name, value in sample.items():
             self._columns[name][self.count] = value
         self.count += 1
@@ -99,10 +104,14 @@ class Recorder:
     def _sample(
         self, t: float, q: np.ndarray, v: np.ndarray, tau: np.ndarray, goal: Reference, state: Any
     ) -> dict[str, Any]:
+        given = self._recorded.recorded(state)
+        if given.keys() != self._given:
+            _require_known(given, SAMPLED, "recorded")
+            self._given = frozenset(given)
         return {
             "t": t, "q": q, "v": v, "tau": tau, "error": _error(self.robot, goal.q, q),
             "goal": goal.q, "goal_velocity": goal.v, "goal_acceleration": goal.a,
-            **_named(self._recorded.recorded(state), SAMPLED, "recorded"),
+            **given,
         }  # fmt: skip
 
     def _notice(self, fault: Fault | None) -> None:
@@ -145,10 +154,13 @@ class Recorder:
         columns.setdefault("parameters", theta)
         size = columns["parameters"].shape[1]
         true, course = self._truth(columns["t"], size)
-        reviewed = self._reviewed()
+        load = truth_of(self.plant).load
+        frame = None if load is None else load.frame or self.robot.tool
+        review = Review(functools.partial(_reviewed, self._recorded, tuple(self._kept), frame))
         return Record(
             **columns, n_potential=theta.shape[1], parameters_true=true, parameters_true_course=course,
-            excitation=reviewed.get("excitation"), carried=reviewed.get("carried"),
+            excitation=cast(Any, functools.partial(review.get, "excitation")),
+            carried=cast(Any, functools.partial(review.get, "carried")),
             final_state=self._state, effort_limit=self.robot.effort_limit,
             velocity_limit=self.robot.velocity_limit, lower=self.robot.lower, upper=self.robot.upper,
             q_index=np.array(list(self.robot.model.idx_qs)[1:]), dt=self.dt,
@@ -186,16 +198,18 @@ class Recorder:
         course = np.where(held[:, None], loaded, bare)
         return course[-1].copy(), course
 
-    def _reviewed(self) -> dict[str, np.ndarray]:
-        """(m, 1 + n) of each name: t [s] and the values, where the controller gave any."""
-        load = truth_of(self.plant).load
-        frame = None if load is None else load.frame or self.robot.tool
-        rows: dict[str, list[np.ndarray]] = {}
-        for t, state in self._kept:
-            found = _named(self._recorded.reviewed(state, frame), REVIEWED, "reviewed")
-            for name, values in found.items():
-                rows.setdefault(name, []).append(np.array([t, *values]))
-        return {name: np.array(some) for name, some in rows.items()}
+
+def _reviewed(
+    recorded: Recorded, kept: Sequence[tuple[float, Any]], frame: str | None
+) -> dict[str, np.ndarray]:
+    """(m, 1 + n) of each name: t [s] and the values, where the controller gave any."""
+    rows: dict[str, list[np.ndarray]] = {}
+    for t, state in kept:
+        found = recorded.reviewed(state, frame)
+        _require_known(found, REVIEWED, "reviewed")
+        for name, values in found.items():
+            rows.setdefault(name, []).append(np.array([t, *values]))
+    return {name: np.array(some) for name, some in rows.items()}
 
 
 def memory() -> float:
@@ -213,16 +227,15 @@ def _with_friction(robot: Robot, rubbing: Rubbing) -> Robot:
     return dataclasses.replace(robot, model=model)
 
 
-def _named(given: Mapping[str, Any], legal: tuple[str, ...], where: str) -> Mapping[str, Any]:
-    """What a controller gave. Raises UnknownNameError for what no record holds."""
-    if unknown := [name for name in given if name not in legal]:
+def _require_known(names: Iterable[str], legal: tuple[str, ...], where: str) -> None:
+    """Raises UnknownNameError for what no record holds of what a controller gave."""
+    if unknown := [name for name in names if name not in legal]:
         raise UnknownNameError(f"entry of {where}", unknown, legal)
-    return given
 
 
 def _error(robot: Robot, goal: np.ndarray, q: np.ndarray) -> np.ndarray:
     """e1 = q - q_d; nan where a sensor's failure left nothing to subtract."""
     try:
-        return robot.difference(goal, q)
+        return pin.difference(robot.model, goal, robot.check_q(q))
     except ArgumentError:
         return np.full(robot.nv, np.nan)

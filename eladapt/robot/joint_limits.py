@@ -35,11 +35,11 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def random_configuration(model: pin.Model, rng: np.random.Generator) -> np.ndarray:
+def random_configurations(model: pin.Model, rng: np.random.Generator, count: int) -> list[np.ndarray]:
     """q (nq,) uniform within the joint limits; (-pi, pi) where none is set."""
     lower, upper = position_limits(model)
-    x = rng.uniform(np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi))
-    return pin.integrate(model, pin.neutral(model), x)
+    low, high = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
+    return [pin.integrate(model, pin.neutral(model), rng.uniform(low, high)) for _ in range(count)]
 
 
 def clipped_neutral(model: pin.Model) -> np.ndarray:
@@ -63,7 +63,7 @@ def published_limits(given: Mapping[str, Sequence[float] | np.ndarray], nv: int)
 def too_heavy(model: pin.Model) -> Iterator[str]:
     """Says so where gravity is more than the motors can hold wherever the arm is."""
     rng, data, limit = np.random.default_rng(0), model.createData(), set_or_inf(model.upperEffortLimit)
-    postures = [random_configuration(model, rng) for _ in range(POSTURES)]
+    postures = random_configurations(model, rng, POSTURES)
     shares = np.abs([pin.computeGeneralizedGravity(model, data, q) / limit for q in postures])
     if shares.max(axis=1).min() > 1:
         k = int(np.argmax(shares.min(axis=0)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import tomllib
 from collections.abc import Mapping
@@ -64,6 +65,7 @@ def entry(name: str) -> Entry:
     )
 
 
+@functools.cache
 def example_robot_data() -> Path:
     """The folder of robots in the example-robot-data wheel, which has no module to import."""
     try:

@@ -6,6 +6,7 @@ damping and friction nowhere), checked arguments, and limits in which 0 or missi
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ from eladapt.robot.joint_limits import (
     clipped_neutral,
     position_limits,
     published_limits,
-    random_configuration,
+    random_configurations,
     set_or_inf,
 )
 from eladapt.robot.reading import frame_index, last_body, read_document, read_robot, read_visuals
@@ -72,11 +73,9 @@ class Robot:
 
     def __getstate__(self) -> dict[str, Any]:
         """What a pickle holds: all but what was computed."""
-        return {
-            name: value
-            for name, value in vars(self).items()
-            if name not in ("weightless", "still", "joint_names")
-        }
+        kind, kept = type(self), vars(self)
+        computed = {n for n in kept if isinstance(getattr(kind, n, None), functools.cached_property)}
+        return {name: value for name, value in kept.items() if name not in computed}
 
     @classmethod
     def from_urdf(
@@ -232,9 +231,14 @@ class Robot:
         """The joint coordinates of q (nq,) by joint name, the inverse of `configuration`."""
         return dict(zip(self.joint_names, map(float, self.coordinates(q)), strict=True))
 
-    def coordinates(self, q: np.ndarray) -> np.ndarray:
-        """q (nq,) -> joint coordinates (nv,); those of continuous joints in (-pi, pi]."""
-        return pin.difference(self.model, pin.neutral(self.model), self.check_q(q))
+    def coordinates(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
+        """q (nq,) -> joint coordinates (nv,); those of continuous joints in (-pi, pi]. check: whether q is to
+        be validated."""
+        return pin.difference(self.model, self._neutral, self.check_q(q) if check else q)
+
+    @functools.cached_property
+    def _neutral(self) -> np.ndarray:
+        return pin.neutral(self.model)
 
     def mass_matrix(self, q: np.ndarray, *, check: bool = True) -> np.ndarray:
         """M(q) (nv, nv), armature included. check: whether q is to be validated."""
@@ -252,9 +256,12 @@ class Robot:
             pin.computeGeneralizedGravity(self.model, self._scratch.own, self.check_q(q) if check else q)
         )
 
-    def inverse_dynamics(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """M a + C v + g (nv,)."""
-        q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
+    def inverse_dynamics(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, *, check: bool = True
+    ) -> np.ndarray:
+        """M a + C v + g (nv,). check: whether the arguments are to be validated."""
+        if check:
+            q, v, a = self.check_q(q), self.check_v(v), self.check_v(a, "a")
         return np.array(pin.rnea(self.model, self._scratch.own, q, v, a))
 
     @functools.cached_property
@@ -264,9 +271,12 @@ class Robot:
         model.gravity = pin.Motion.Zero()
         return model
 
-    def forward_dynamics(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """The acceleration M^-1 (tau - C v - g) (nv,)."""
-        q, v, tau = self.check_q(q), self.check_v(v), self.check_v(tau, "tau")
+    def forward_dynamics(
+        self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, *, check: bool = True
+    ) -> np.ndarray:
+        """The acceleration M^-1 (tau - C v - g) (nv,). check: whether the arguments are to be validated."""
+        if check:
+            q, v, tau = self.check_q(q), self.check_v(v), self.check_v(tau, "tau")
         return np.array(pin.aba(self.model, self._scratch.own, q, v, tau))
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
@@ -288,7 +298,11 @@ class Robot:
 
     def random_configuration(self, rng: np.random.Generator) -> np.ndarray:
         """q (nq,) uniform within the joint limits; (-pi, pi) where none is set."""
-        return random_configuration(self.model, rng)
+        return self.random_configurations(rng, 1)[0]
+
+    def random_configurations(self, rng: np.random.Generator, count: int) -> list[np.ndarray]:
+        """So many of them."""
+        return random_configurations(self.model, rng, count)
 
     def document(self) -> Element:
         """The URDF's <robot> element, read again, with locked joints held and links weighed."""
@@ -304,6 +318,10 @@ class Robot:
     @property
     def source(self) -> dict[str, Any]:
         """What `from_source` needs to build this robot again; plain JSON types."""
+        return copy.deepcopy(self._source)
+
+    @functools.cached_property
+    def _source(self) -> dict[str, Any]:
         if self.name in library.names():
             listed = Robot.load(self.name)
             if listed.model == self.model and listed._beside_the_model() == self._beside_the_model():

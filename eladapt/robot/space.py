@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import ArgumentError, require_number, require_vector
+from eladapt.errors import ArgumentError, is_vector, require_number, require_vector
 from eladapt.signals import Measurement, Reference
 
 LARGEST = 1e8  # [rad, rad/s, N m] of a measurement: squares of it, and of its regressors, stay within doubles
-DOUBLE = np.dtype(float)
+LEAST = -float(np.finfo(float).max)
 UNIT_CIRCLE_TOLERANCE = 1e-6  # on cos^2 + sin^2 of a continuous joint: single-precision sensors pass
 
 
@@ -57,8 +57,8 @@ class Space:
     def check_measurement(self, measurement: Measurement) -> Measurement:
         """The measurement in vectors of its own; see `Robot.check_measurement`."""
         t, q, v, tau = measurement
-        t = require_number("measurement.t", t, -np.finfo(float).max)
-        if not (_is_vector(q, self.nq) and _is_vector(v, self.nv) and _is_vector(tau, self.nv)):
+        t = require_number("measurement.t", t, LEAST)
+        if not (is_vector(q, self.nq) and is_vector(v, self.nv) and is_vector(tau, self.nv)):
             q, v, tau = self._check_vectors(q, v, tau)
         q, v, tau = q.copy(), v.copy(), tau.copy()
         if not q.dot(q) + v.dot(v) + tau.dot(tau) <= LARGEST**2:  # false too where a number is not finite
@@ -85,8 +85,3 @@ class Space:
                     f"{name}: continuous joint {joint!r} expects (cos, sin) at [{start}:{start + 2}], got "
                     f"{q[start : start + 2]}; make q with robot.configuration(angles)"
                 )
-
-
-def _is_vector(value: object, size: int) -> bool:
-    """Whether it is a plain array of ``size`` doubles: what `require_vector` would return as it is."""
-    return type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (size,)

@@ -9,14 +9,43 @@ from what the arm does.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from eladapt.compiling import SCALAR, VECTOR, kernel
 from eladapt.errors import require_gain, require_number
 from eladapt.robot.model import Robot
 
 SWEEPS = 4  # correcting one joint may accelerate another; more than two sweeps were never needed
+
+
+@kernel(VECTOR, VECTOR, VECTOR, SCALAR)
+def low_passed(before: np.ndarray, now: np.ndarray, memory: np.ndarray, dt: float) -> np.ndarray:
+    """(nv,) the low-pass of what is ``now``, dt [s] after it was ``before``."""
+    after = np.empty(len(before))
+    for i in range(len(before)):
+        after[i] = before[i] - math.expm1(-dt / memory[i]) * (now[i] - before[i])
+    return after
+
+
+@kernel(*[VECTOR] * 6, SCALAR, VECTOR, VECTOR)
+def room(
+    x: np.ndarray, v: np.ndarray, acceleration: np.ndarray, velocity: np.ndarray, lower: np.ndarray,
+    upper: np.ndarray, share: float, time: np.ndarray, horizon: np.ndarray,
+) -> tuple[np.ndarray, bool]:  # fmt: skip
+    """(3, nv): the least and the largest acceleration that a joint may have, and its own as far as it may;
+    and whether any has more."""
+    found, passed = np.empty((3, len(x))), False
+    for i in range(len(x)):
+        fastest = min(share * velocity[i], max(upper[i] - x[i], 0.0) / time[i])
+        slowest = max(-share * velocity[i], min(lower[i] - x[i], 0.0) / time[i])
+        least, most = (slowest - v[i]) / horizon[i], (fastest - v[i]) / horizon[i]
+        found[0, i], found[1, i] = least, most
+        found[2, i] = min(max(acceleration[i], least), most)
+        passed = passed or found[2, i] != acceleration[i]
+    return found, passed
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +75,19 @@ class Barrier:
     def unexplained(self, before: np.ndarray, now: np.ndarray, dt: float) -> np.ndarray:
         """(nv,) [N m] what acts on the arm beside torque and model; ``before``: a sample ago, ``now``: by the
         last dt [s] alone."""
-        return before - np.expm1(-dt / self.memory) * (now - before)
+        return low_passed(before, now, self.memory, dt)
 
     def torque(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, unexplained: np.ndarray) -> np.ndarray:
         """tau (nv,), corrected where a joint would pass its bound."""
         robot = self.robot
-        x = robot.coordinates(q)
-        fastest = np.minimum(self.share * self.velocity, np.maximum(self.upper - x, 0.0) / self.time)
-        slowest = np.maximum(-self.share * self.velocity, np.minimum(self.lower - x, 0.0) / self.time)
-        most, least = (fastest - v) / self.horizon, (slowest - v) / self.horizon
-        acceleration = robot.forward_dynamics(q, v, tau + unexplained)
-        allowed = np.clip(acceleration, least, most)
-        bound = allowed != acceleration
-        if not bound.any():
+        acceleration = robot.forward_dynamics(q, v, tau + unexplained, check=False)
+        (least, most, allowed), passed = room(
+            robot.coordinates(q, check=False), v, acceleration, self.velocity, self.lower, self.upper,
+            self.share, self.time, self.horizon,
+        )  # fmt: skip
+        if not passed:
             return tau
+        bound = allowed != acceleration
         inverse = np.linalg.inv(robot.mass_matrix(q))
         for _ in range(SWEEPS):
             change = np.zeros(robot.nv)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from eladapt.compiling import prepare
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number, require_vector
 from eladapt.gains.extremes import effort, extremes
 from eladapt.robot.model import Robot
@@ -25,6 +26,7 @@ from eladapt.safety.barrier import Barrier
 from eladapt.safety.belief import Belief, BeliefState
 from eladapt.safety.fallback import Fallback, Hold
 from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
+from eladapt.safety.limiting import at_limit, leaving, near, too_fast
 from eladapt.safety.samples import FASTEST, SampleJudge
 from eladapt.signals import Fault, Measurement, Reference
 
@@ -34,7 +36,6 @@ FAULTS = (
     "torque",
 )  # fmt: skip
 
-FULL = 0.99  # of the effort limit
 LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
 FAR = 0.1  # [rad or m] beyond its range a joint is not where it is seen, or nowhere to start from
 EDGE = 1e-3  # [rad or m] by which a goal may be beyond
@@ -98,6 +99,7 @@ class TorqueGate:
     barrier: Barrier | None = None
 
     def __post_init__(self) -> None:
+        prepare()
         nv = self.robot.nv
         object.__setattr__(self, "effort", require_gain("effort", self.effort, nv))
         for name in LIMITS:
@@ -208,9 +210,7 @@ class TorqueGate:
 
     def limited(self, state: GateState, tau: np.ndarray, dt: float) -> np.ndarray:
         """tau (nv,), finite, no further from the last torque than the rate allows, within the effort."""
-        step = self.torque_rate * dt
-        near = np.minimum(np.maximum(tau, state.tau - step), state.tau + step)
-        return np.minimum(np.maximum(near, -self.effort), self.effort)
+        return near(tau, state.tau, self.torque_rate, self.effort, dt)
 
     def stopped(self, state: GateState, gravity: np.ndarray, dt: float) -> tuple[GateState, np.ndarray]:
         """The torque (nv,) after a fault; gravity (nv,): the trusted estimate at ``state.q``."""
@@ -245,13 +245,13 @@ class TorqueGate:
         robot, goal, (_, q, v, tau) = self.robot, state.goal.q, measurement
         error = pin.difference(robot.model, goal, q)
         moved = pin.difference(robot.model, state.guard.goal, goal)
-        full = np.maximum(np.abs(tau), np.abs(state.tau)) >= FULL * self.effort
+        full = at_limit(tau, state.tau, self.effort)
         guard = self.guard.step(state.guard, error, moved, goal, v, full, dt)
         unexplained, last, belief = state.unexplained, state.measurement, state.belief
         elapsed = measurement.t - last.t
         moved_by = pin.difference(robot.model, last.q, q)
         if state.age == 0 and 0 < elapsed < 2 * dt:
-            needed = robot.inverse_dynamics(q, v, (v - last.v) / elapsed)
+            needed = robot.inverse_dynamics(q, v, (v - last.v) / elapsed, check=False)
             belief = self.belief.step(belief, moved_by, last.v, v, tau, needed, elapsed)
             if self.barrier:
                 unexplained = self.barrier.unexplained(unexplained, needed - tau, elapsed)
@@ -268,20 +268,17 @@ class TorqueGate:
 
     def _danger(self, state: GateState) -> Alarm | None:
         """What says that torque may not help: a joint too fast, or not to be believed."""
-        fast = np.abs(state.v) - self.velocity
-        i = int(fast.argmax())
-        if fast[i] > 0:
+        i = too_fast(state.v, self.velocity)
+        if i >= 0:
             said = f"{self.robot.joint_names[i]!r} at {state.v[i]:.3g} rad/s, limit {self.velocity[i]:.3g}"
             return Alarm("velocity", said)
         return self.belief.alarm(state.belief)
 
     def _beyond(self, state: GateState) -> Alarm | None:
         """The joint that is about to leave its range."""
-        x, v = self.robot.coordinates(state.q), state.v
-        ahead = x + self.lookahead * v
-        beyond = np.where(v > 0, ahead - self.upper, np.where(v < 0, self.lower - ahead, -np.inf))
-        i = int(beyond.argmax())
-        if beyond[i] <= 0:
+        x, v = self.robot.coordinates(state.q, check=False), state.v
+        i = leaving(x, v, self.lower, self.upper, self.lookahead)
+        if i < 0:
             return None
         said = (
             f"{self.robot.joint_names[i]!r} at {x[i]:.4g} rad with {v[i]:.3g} rad/s, limits "

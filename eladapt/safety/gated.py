@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from eladapt.errors import ArgumentError, require_number
 from eladapt.robot.protocols import (
@@ -104,7 +105,7 @@ class GatedController(Around):
             gate = self.gate.touched(gate, getattr(stepped, "external", None))
             if gate.fault is None:
                 inner = stepped
-                error = self.robot.difference(gate.goal.q, gate.q)
+                error = pin.difference(self.robot.model, gate.goal.q, gate.q)
                 trusted = self._parameters(inner) if self.gate.guard.quiet(gate.guard, error) else trusted
                 tau = self.gate.slowed(gate, self.gate.limited(gate, tau, dt))
         if gate.fault is not None:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eladapt.compiling import FLAGS, SCALAR, VECTOR, kernel
 from eladapt.errors import require_number
 from eladapt.robot.model import Robot
 
@@ -43,6 +44,71 @@ class Alarm(NamedTuple):
 
     name: str
     message: str
+
+
+@kernel(*[VECTOR] * 11, FLAGS, *[SCALAR] * 8)
+def watched(
+    asked: np.ndarray, sign: np.ndarray, peak: np.ndarray, before: np.ndarray, growths: np.ndarray,
+    length: np.ndarray, lasting: np.ndarray, stalled: np.ndarray, error: np.ndarray, moved: np.ndarray,
+    v: np.ndarray, full: np.ndarray, kept: float, margin: float, stall_speed: float, least: float,
+    slowest: float, growth: float, decay: float, dt: float,
+) -> np.ndarray:  # fmt: skip
+    """(8, nv): asked, the swing's six and stalled a sample later, see `DivergenceGuard`."""
+    n, moves = len(v), False
+    after = np.empty((8, n))
+    for i in range(n):
+        moves = moves or moved[i] != 0.0
+    for i in range(n):
+        after[0, i] = kept * asked[i]
+        if moves:  # a new set-point asks for the error it makes, however far off the old one was
+            far = abs(moved[i]) > margin
+            after[0, i] = abs(error[i]) if far else after[0, i] + abs(moved[i])
+        speed, waves = abs(v[i]), 0.0 if moves else lasting[i]
+        after[7, i] = stalled[i] + dt if full[i] and speed < stall_speed else 0.0
+        if v[i] == 0.0 or np.sign(v[i]) == sign[i]:
+            after[1, i], after[2, i], after[3, i] = sign[i], max(peak[i], speed), before[i]
+            after[4, i], after[5, i], after[6, i] = growths[i], length[i] + dt, waves
+            continue
+        # The first half-wave after rest has nothing to be compared with; slow ones are moves there and back.
+        swings = peak[i] > least and before[i] > 0.0 and length[i] + dt < slowest
+        after[1, i], after[2, i], after[3, i] = np.sign(v[i]), speed, peak[i]
+        after[4, i] = growths[i] + 1.0 if swings and peak[i] > growth * before[i] else 0.0
+        after[5, i] = 0.0
+        after[6, i] = waves + 1.0 if swings and peak[i] > decay * before[i] else 0.0
+    return after
+
+
+@kernel(*[VECTOR] * 5, *[SCALAR] * 5)
+def diverging(
+    error: np.ndarray, asked: np.ndarray, growths: np.ndarray, lasting: np.ndarray, stalled: np.ndarray,
+    factor: float, margin: float, most_growths: float, most_waves: float, longest: float,
+) -> tuple[int, int]:  # fmt: skip
+    """The first sign of divergence, in the order of the module's text, and the joint that shows it most;
+    (-1, -1): there is none."""
+    excess, worst, growing, waving, stalling = 0.0, -1, 0, 0, 0
+    for i in range(len(error)):
+        more = abs(error[i]) - (factor * asked[i] + margin)
+        if more > excess:
+            excess, worst = more, i
+        growing = i if growths[i] > growths[growing] else growing
+        waving = i if lasting[i] > lasting[waving] else waving
+        stalling = i if stalled[i] > stalled[stalling] else stalling
+    if worst >= 0:
+        return 0, worst
+    if growths[growing] >= most_growths:
+        return 1, growing
+    if lasting[waving] >= most_waves:
+        return 2, waving
+    return (3, stalling) if stalled[stalling] > longest else (-1, -1)
+
+
+@kernel(VECTOR, VECTOR, VECTOR, SCALAR)
+def usual(error: np.ndarray, asked: np.ndarray, growths: np.ndarray, margin: float) -> bool:
+    """Whether no error is more than ``margin`` beyond what was asked for, and nothing has grown twice."""
+    quiet = True
+    for i in range(len(error)):
+        quiet = quiet and abs(error[i]) <= asked[i] + margin and growths[i] < 2.0
+    return quiet
 
 
 @dataclass(frozen=True)
@@ -95,63 +161,36 @@ class DivergenceGuard:
         dt: float,
     ) -> GuardState:
         """One more sample: error, v, how far the set-point moved, which torques are full, all (nv,)."""
-        asked = state.asked * math.exp(-dt / self.memory)
-        if moved.any():
-            # a new set-point asks for the error it makes, however far off the old one was
-            asked = np.where(np.abs(moved) > self.error_margin, np.abs(error), asked + np.abs(moved))
-        stalled = np.where(full & (np.abs(v) < self.stall_speed), state.stalled + dt, 0.0)
-        return GuardState(asked, goal, self._swing(state.swing, v, bool(moved.any()), dt), stalled)
+        found = watched(
+            state.asked, *state.swing, state.stalled, error, moved, v, full, math.exp(-dt / self.memory),
+            self.error_margin, self.stall_speed, self.least_speed, self.slowest, self.growth, self.decay, dt,
+        )  # fmt: skip
+        asked, *swing, stalled = found
+        return GuardState(asked, goal, Swing(*swing), stalled)
 
     def alarm(self, state: GuardState, error: np.ndarray, robot: Robot) -> Alarm | None:
         """The first sign of divergence, in the joint that shows it most."""
-        allowed = self.error_factor * state.asked + self.error_margin
-        excess = np.abs(error) - allowed
-        growing, stalled = state.swing.growths.max(), state.stalled.max()
-        lasting = state.swing.lasting.max()
-        well = growing < self.growths and lasting < self.waves and stalled <= self.stall
-        if well and excess.max() <= 0:
+        swing = state.swing
+        why, i = diverging(
+            error, state.asked, swing.growths, swing.lasting, state.stalled, self.error_factor,
+            self.error_margin, self.growths, self.waves, self.stall,
+        )  # fmt: skip
+        if why < 0:
             return None
-        names = robot.joint_names
-        if excess.max() > 0:
-            i = int(np.argmax(excess))
-            said = f"error of {names[i]!r} grew to {abs(error[i]):.3g}, expected at most {allowed[i]:.3g}"
-            return Alarm("error growth", said)
-        if growing >= self.growths:
-            i = int(np.argmax(state.swing.growths))
-            said = (
-                f"{names[i]!r} swings ever faster, {state.swing.before[i]:.3g} rad/s after "
-                f"{int(growing)} growing half-waves"
-            )
-            return Alarm("energy growth", said)
-        if lasting >= self.waves:
-            i = int(np.argmax(state.swing.lasting))
-            said = f"{names[i]!r} swings at {state.swing.before[i]:.3g} rad/s about a goal that rests"
-            return Alarm("oscillation", said)
-        i = int(np.argmax(state.stalled))
-        return Alarm("stall", f"{names[i]!r} has not moved under full torque for {stalled:.3g} s")
+        name, allowed = repr(robot.joint_names[i]), self.error_factor * state.asked[i] + self.error_margin
+        speed = f"{swing.before[i]:.3g} rad/s"
+        return (
+            Alarm(
+                "error growth", f"error of {name} grew to {abs(error[i]):.3g}, expected at most {allowed:.3g}"
+            ),
+            Alarm(
+                "energy growth",
+                f"{name} swings ever faster, {speed} after {int(swing.growths[i])} growing half-waves",
+            ),
+            Alarm("oscillation", f"{name} swings at {speed} about a goal that rests"),
+            Alarm("stall", f"{name} has not moved under full torque for {state.stalled[i]:.3g} s"),
+        )[why]
 
     def quiet(self, state: GuardState, error: np.ndarray) -> bool:
         """Whether nothing points to divergence, so that what was learned by now can be trusted."""
-        usual = np.abs(error) <= state.asked + 0.5 * self.error_margin
-        return bool(usual.all() and state.swing.growths.max() < 2)
-
-    def _swing(self, swing: Swing, v: np.ndarray, moved: bool, dt: float) -> Swing:
-        sign, speed = np.sign(v), np.abs(v)
-        turned = (sign != swing.sign) & (sign != 0)
-        swing = swing._replace(length=swing.length + dt)
-        if moved and swing.lasting.any():
-            swing = swing._replace(lasting=np.zeros_like(v))
-        if not turned.any():
-            return swing._replace(peak=np.maximum(swing.peak, speed))
-        # The first half-wave after rest has nothing to be compared with; slow ones are moves there and back.
-        swings = (swing.peak > self.least_speed) & (swing.before > 0) & (swing.length < self.slowest)
-        grew = swings & (swing.peak > self.growth * swing.before)
-        lasts = swings & (swing.peak > self.decay * swing.before)
-        return Swing(
-            sign=np.where(turned, sign, swing.sign),
-            peak=np.where(turned, speed, np.maximum(swing.peak, speed)),
-            before=np.where(turned, swing.peak, swing.before),
-            growths=np.where(turned, np.where(grew, swing.growths + 1, 0.0), swing.growths),
-            length=np.where(turned, 0.0, swing.length),
-            lasting=np.where(turned, np.where(lasts, swing.lasting + 1, 0.0), swing.lasting),
-        )
+        return usual(error, state.asked, state.swing.growths, 0.5 * self.error_margin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,19 @@ class Friction:
         for name in ("viscous", "coulomb"):
             object.__setattr__(self, name, require_gain(name, getattr(self, name), zero=True))
 
+    def by_joint(self, nv: int) -> tuple[np.ndarray, np.ndarray]:
+        """viscous and coulomb, (nv,) each. Raises ArgumentError for another number of joints."""
+        if nv not in self._by_joint:
+            viscous, coulomb = (
+                require_gain(name, getattr(self, name), nv, zero=True) for name in ("viscous", "coulomb")
+            )
+            self._by_joint[nv] = viscous, coulomb
+        return self._by_joint[nv]
+
+    @functools.cached_property
+    def _by_joint(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -38,8 +52,14 @@ class Noise:
         for name in ("position", "velocity"):
             object.__setattr__(self, name, require_gain(name, getattr(self, name), zero=True))
 
+    @functools.cached_property
+    def _silent(self) -> bool:
+        return not (np.any(self.position) or np.any(self.velocity))
+
     def sample(self, t: float, nv: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Errors of position and velocity, (nv,) each; t [s] is not used."""
+        if self._silent:
+            return np.zeros(nv), np.zeros(nv)
         return self.position * rng.normal(size=nv), self.velocity * rng.normal(size=nv)
 
 

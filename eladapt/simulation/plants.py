@@ -8,10 +8,12 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import pinocchio as pin
 
+from eladapt.compiling import prepare
 from eladapt.errors import ArgumentError, SimulationError, require_number
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
 from eladapt.simulation.disturbances import Brakes, Friction, Noise, Payload
+from eladapt.simulation.runge_kutta import Stages, combined, finite, stage
 
 ACTIVE_SETS = 20  # 2 to 6 are typical
 FRICTION_SWEEPS = 2000  # only where the active sets go round
@@ -51,6 +53,7 @@ class PinocchioPlant:
         seed: int = 0,
         brakes: Brakes | None = None,
     ):
+        prepare()
         if integrator not in ("rk4", "euler"):
             raise ArgumentError(f"integrator: expected 'rk4' or 'euler', got {integrator!r}")
         if substeps < 1:
@@ -62,7 +65,7 @@ class PinocchioPlant:
         self.brakes = brakes or Brakes()
         self.payload = Payload(float(payload)) if isinstance(payload, int | float) else payload
         self._loaded = robot.model if self.payload is None else self.payload.loaded(robot)
-        self._data = robot.model.createData()
+        self._data, self._stages = robot.model.createData(), Stages.of(robot.nv)
         self.reset()
 
     def __repr__(self) -> str:
@@ -76,7 +79,7 @@ class PinocchioPlant:
     def reset(self) -> Measurement:
         """Back to the initial state, with the noise from its seed; an arm at rest has been held there."""
         self._rng = np.random.default_rng(self.seed)
-        self._step, self.t, self.q, self.v = 0, 0.0, self.q0.copy(), self.v0.copy()
+        self.t, self.q, self.v = 0.0, self.q0.copy(), self.v0.copy()
         self._told: float | None = None  # [s] when to brake
         model = self._loaded if self.payload and self.payload.held(0.0) else self.robot.model
         gravity = pin.computeGeneralizedGravity(model, model.createData(), self.q0)
@@ -94,19 +97,17 @@ class PinocchioPlant:
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:
         """Hold the torque tau (nv,) [N m] for dt [s]."""
-        tau = self.robot.check_v(tau, "tau")
+        tau = self.robot.check_v(tau, "tau").copy()
         dt = require_number("dt", dt, 0)
         model = self._loaded if self.payload and self.payload.held(self.t) else self.robot.model
-        with np.errstate(over="ignore", invalid="ignore"):
-            dry = self._dry_friction()
-            if self.integrator == "euler":
-                self._euler(model, tau, dry, dt)
-            else:
-                for _ in range(self.substeps):
-                    self._runge_kutta(model, tau, dry, dt / self.substeps)
-        self._step += 1
-        self.t, self.tau = self.t + dt, tau.copy()
-        if not (np.isfinite(self.q).all() and np.isfinite(self.v).all()):
+        viscous, dry = self._friction_now()
+        if self.integrator == "euler":
+            self._euler(model, tau, viscous, dry, dt)
+        else:
+            for _ in range(self.substeps):
+                self._runge_kutta(model, tau, viscous, dry, dt / self.substeps)
+        self.t, self.tau = self.t + dt, tau
+        if not finite(self.q, self.v):
             raise SimulationError(f"the simulated {self.robot.name} diverged before t = {self.t:.4f} s")
         return self._measure()
 
@@ -116,43 +117,43 @@ class PinocchioPlant:
             self.t, pin.integrate(self.robot.model, self.q, np.asarray(dq)), self.v + dv, self.tau.copy()
         )
 
-    def _acceleration(self, model: pin.Model, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        return np.array(pin.aba(model, self._data, q, v, tau))
+    def _friction_now(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """(nv,) viscous [N m s/rad], and dry [N m] of joints and closed brakes; None where nothing rubs."""
+        viscous, coulomb = self.friction.by_joint(self.robot.nv)
+        if self.brakes.closed(self._told, self.t):
+            coulomb = coulomb + self._hold
+        return viscous, coulomb if np.count_nonzero(coulomb) else None
 
-    def _dry_friction(self) -> np.ndarray:
-        """(nv,) [N m] of joints and closed brakes."""
-        rubbing = np.broadcast_to(self.friction.coulomb, self.robot.nv)
-        return rubbing + self._hold if self.brakes.closed(self._told, self.t) else rubbing
+    def _euler(
+        self, model: pin.Model, tau: np.ndarray, viscous: np.ndarray, dry: np.ndarray | None, dt: float
+    ) -> None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            lost = viscous * self.v + (0.0 if dry is None else dry * np.sign(self.v))
+            acceleration = pin.aba(model, self._data, self.q, self.v, tau - lost)
+            self.q = pin.integrate(model, self.q, dt * self.v)
+            self.v = self.v + dt * acceleration
 
-    def _euler(self, model: pin.Model, tau: np.ndarray, dry: np.ndarray, dt: float) -> None:
-        lost = self.friction.viscous * self.v + dry * np.sign(self.v)
-        acceleration = self._acceleration(model, self.q, self.v, tau - lost)
-        self.q = pin.integrate(model, self.q, dt * self.v)
-        self.v = self.v + dt * acceleration
+    def _runge_kutta(
+        self, model: pin.Model, tau: np.ndarray, viscous: np.ndarray, dry: np.ndarray | None, h: float
+    ) -> None:
+        held = tau if dry is None else tau - self._implicit_coulomb(model, tau, viscous, dry, h)
+        q, v, (way, net, slopes) = self.q, self.v, self._stages
+        slope, acceleration, accelerations = v, v, []
+        for ahead, velocity in zip((0.0, 0.5 * h, 0.5 * h, h), slopes, strict=True):
+            stage(v, slope, acceleration, ahead, held, viscous, way, velocity, net)
+            slope, moved = velocity, pin.integrate(model, q, way)
+            acceleration = pin.aba(model, self._data, moved, velocity, net)
+            accelerations.append(acceleration)
+        self.v = combined(*slopes, *accelerations, h, way)
+        self.q = pin.integrate(model, q, way)
 
-    def _runge_kutta(self, model: pin.Model, tau: np.ndarray, dry: np.ndarray, h: float) -> None:
-        net = tau - self._implicit_coulomb(model, tau, dry, h) if dry.any() else tau
-
-        def rate(moved: np.ndarray, v: np.ndarray) -> np.ndarray:
-            q = pin.integrate(model, self.q, moved)
-            return self._acceleration(model, q, v, net - self.friction.viscous * v)
-
-        v1 = self.v
-        a1 = rate(np.zeros_like(v1), v1)
-        v2 = self.v + 0.5 * h * a1
-        a2 = rate(0.5 * h * v1, v2)
-        v3 = self.v + 0.5 * h * a2
-        a3 = rate(0.5 * h * v2, v3)
-        v4 = self.v + h * a3
-        a4 = rate(h * v3, v4)
-        self.q = pin.integrate(model, self.q, h / 6 * (v1 + 2 * v2 + 2 * v3 + v4))
-        self.v = self.v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-
-    def _implicit_coulomb(self, model: pin.Model, tau: np.ndarray, bound: np.ndarray, h: float) -> np.ndarray:
+    @np.errstate(over="ignore", invalid="ignore")
+    def _implicit_coulomb(
+        self, model: pin.Model, tau: np.ndarray, viscous: np.ndarray, bound: np.ndarray, h: float
+    ) -> np.ndarray:
         """Friction torques f (nv,) for the substep: |f_i| <= bound_i, f_i = bound_i sign(v_i+) where
         v+ = free velocity - h M^-1 f does not vanish."""
-        lost = self.friction.viscous * self.v
-        free = self.v + h * self._acceleration(model, self.q, self.v, tau - lost)
+        free = self.v + h * pin.aba(model, self._data, self.q, self.v, tau - viscous * self.v)
         size = self.robot.nv
         inverse = np.array(pin.computeMinverse(model, self._data, self.q)).reshape(size, size)
         inverse = h * (np.triu(inverse) + np.triu(inverse, 1).T)

@@ -32,7 +32,7 @@ def learned(name: str, changes: dict[str, float], seconds: float) -> tuple[Learn
         omega = controller.gains.row_weight[:, None] * reg.torque(q, v, a)
         information = controller.extension.step(information, ea.Regression(omega @ theta, omega), DT)
     joints = LearnedJoints(reg, 10.0, HORIZON)
-    return joints, joints.inertia(theta, information, np.zeros(robot.nv))
+    return joints, joints.inertia(theta, information, np.zeros(robot.nv), np.zeros(robot.nv))
 
 
 @pytest.mark.parametrize("name", ["two_link", "ur5", "panda"])

@@ -155,3 +155,22 @@ def test_rotated_rows_are_orthogonal_and_say_the_same(rng):
         gram = turned[:, :-1] @ turned[:, :-1].T
         assert np.abs(gram - np.diag(np.diag(gram))).max() <= 1e-13 * gram.max()
         np.testing.assert_allclose(turned.T @ turned, rows.T @ rows, atol=1e-12 * np.abs(gram).max())
+
+
+@pytest.mark.parametrize("scatter", [0.0, 1e-6, 1.0, 1e4])
+@pytest.mark.parametrize(("size", "m"), SIZES)
+def test_what_is_sure_is_its_formula(size, m, scatter, rng):
+    """A combination less the prior's doubt and its deviations, whether or not the sum stops where nothing is
+    left; below the least, nothing."""
+    information, theta = excited(size, m, rng), rng.normal(size=size)
+    rows, noise = rng.normal(size=(2 * m, size)), rng.uniform(size=m)
+    variance = kernels.variances(information.triangle, rows)
+    doubt = 1 - 10.0 * information.prior * variance / np.sum(rows**2, axis=1)
+    value = rows @ theta
+    left = np.abs(value) * np.maximum(doubt, 0) - 3.0 * np.sqrt(scatter * np.tile(noise, 2) * variance)
+    expected = np.copysign(np.maximum(left, 0), value)
+    given = (information.triangle, information.prior, rows, theta, noise, scatter, 10.0, 3.0)
+    # The rounding of l products, and of a difference that may lose all digits.
+    np.testing.assert_allclose(kernels.surely(*given, -np.inf), expected, atol=1e-12 * np.abs(value).max())
+    positive = np.where(value > 0, expected, 0.0)
+    np.testing.assert_allclose(kernels.surely(*given, 0.0), positive, atol=1e-12 * np.abs(value).max())
