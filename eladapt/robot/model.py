@@ -304,7 +304,7 @@ class Robot:
     @property
     def source(self) -> dict[str, Any]:
         """What `from_source` needs to build this robot again; plain JSON types."""
-        if self.name in library.names():
+        if self.name in library.robots():
             listed = Robot.load(self.name)
             if listed.model == self.model and listed._beside_the_model() == self._beside_the_model():
                 return {"load": self.name}
