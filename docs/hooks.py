@@ -23,6 +23,7 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
 from blocks import Block, BlockError, Outcome, blocks, run
+from links import faults
 
 ROOT = Path(__file__).resolve().parents[1]
 LINK = re.compile(r"(?P<before>\]\()(?P<target>[^)#\s:]+)(?P<after>(?:#[^)\s]*)?\))")
@@ -68,9 +69,11 @@ def on_page_content(html: str, **_: Any) -> str:
     return EQUATION.sub(_mathml, html)
 
 
-def on_post_build(**_: Any) -> None:
-    """Nothing is left beside the site."""
+def on_post_build(config: Any, **_: Any) -> None:
+    """Every link leads somewhere, and nothing is left beside the site."""
     _folder.cleanup()
+    if found := list(faults(Path(config.site_dir))):
+        raise PluginError("\n".join(found))
 
 
 def _elsewhere() -> list[tuple[str, str, str]]:

@@ -14,6 +14,7 @@ DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS))
 
 from blocks import BlockError, blocks, run  # noqa: E402
+from links import faults  # noqa: E402
 
 PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md"), ROOT / "examples" / "README.md"])
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)")
@@ -108,3 +109,18 @@ def test_the_readme_fits_on_two_screens():
     lines = (ROOT / "README.md").read_text("utf-8").splitlines()
     assert len(lines) + 15 * sum(line.startswith("![") for line in lines) <= 115
     assert max(map(len, lines)) <= 200
+
+
+def test_a_site_is_searched_for_links_that_lead_nowhere(tmp_path):
+    (tmp_path / "a.html").write_text(
+        '<a href="b.html">1</a> <a href="b.html#here">2</a> <a href="https://elsewhere.org/c">3</a>'
+        '<a href="c.html">4</a> <a href="b.html#there">5</a> <a href="#top">6</a>'
+        '<script src="https://elsewhere.org/code.js"></script>'
+    )
+    (tmp_path / "b.html").write_text('<h1 id="here">B</h1>')
+    assert list(faults(tmp_path)) == [
+        "a.html: fetches https://elsewhere.org/code.js",
+        "a.html: c.html leads to no file",
+        "a.html: b.html#there leads to no place in its page",
+        "a.html: #top leads to no place in its page",
+    ]
