@@ -76,7 +76,10 @@ def run(page: Path, folder: Path) -> list[Outcome]:
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}",
     }
     command = [sys.executable, str(Path(__file__).resolve()), str(page.resolve()), str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, env=environment)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, env=environment)
+    except subprocess.TimeoutExpired:
+        raise BlockError(f"{page}: its blocks take longer than {SECONDS} s") from None
     if done.returncode:
         raise BlockError(done.stderr.strip() or f"{page}: its blocks ended with {done.returncode}")
     return [Outcome(*entry) for entry in json.loads(done.stdout)]
@@ -88,25 +91,26 @@ def main() -> None:
     namespace: dict[str, Any] = {"__name__": "__main__"}
     outcomes = []
     for block in blocks(page):
-        before = {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
-        printed = (
-            "" if block.why else (_python if block.language == "python" else _shell)(block, page, namespace)
-        )
-        after = (path for path in folder.rglob("*") if path.is_file())
-        written = sorted(
-            str(path.relative_to(folder)) for path in after if path.stat().st_mtime_ns != before.get(path)
-        )
-        outcomes.append((printed, written))
+        before, printed = _written(folder), ""
+        if not block.why:
+            printed = (_python if block.language == "python" else _shell)(block, page, namespace)
+        after = _written(folder)
+        files = sorted(name for name in after if after[name] != before.get(name))
+        outcomes.append((printed.replace(f"{folder}/", "").replace(sys.prefix, ".venv"), files))
     json.dump(outcomes, sys.stdout)
+
+
+def _written(folder: Path) -> dict[str, int]:
+    """The files of a folder by name, and when they were written."""
+    return {str(p.relative_to(folder)): p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()}
 
 
 def _python(block: Block, page: Path, namespace: dict[str, Any]) -> str:
     printed = io.StringIO()
+    placed = "\n" * (block.line - 1) + block.code  # so that a traceback has the page's lines
     try:
-        with contextlib.redirect_stdout(
-            printed
-        ):  # the lines before it are kept, so that a traceback is right
-            exec(compile("\n" * (block.line - 1) + block.code, str(page), "exec"), namespace)
+        with contextlib.redirect_stdout(printed):
+            exec(compile(placed, str(page), "exec"), namespace)
     except BaseException as reason:
         trace = "".join(traceback.format_exception(reason))
         sys.exit(f"{page}:{block.line}: this block raises {type(reason).__name__}: {reason}\n{trace}")

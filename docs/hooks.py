@@ -43,11 +43,14 @@ def on_files(files: Any, config: Any) -> Any:
         _pages[source] = uri
         files.append(File.generated(config, uri, content=text))
     own = [file for file in files.documentation_pages() if file.generated_by is None]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        try:
-            done = list(pool.map(_outcome, own))
-        except BlockError as reason:
-            raise PluginError(str(reason)) from None
+    own.sort(key=_in_real_time, reverse=True)
+    alone = sum(map(_in_real_time, own))  # a loop in real time wants the computer for itself
+    try:
+        done = [_outcome(file) for file in own[:alone]]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            done += pool.map(_outcome, own[alone:])
+    except BlockError as reason:
+        raise PluginError(str(reason)) from None
     for file, pairs in zip(own, done, strict=True):
         _outcomes[file.src_uri] = pairs
         for name in (name for _, outcome in pairs for name in outcome.files):
@@ -87,6 +90,10 @@ def _elsewhere() -> list[tuple[str, str, str]]:
         text = f"# {path.stem}.py\n\n````` python\n{path.read_text('utf-8')}`````\n"
         pages.append((f"examples/{path.name}", f"examples/{path.stem}.md", text))
     return pages
+
+
+def _in_real_time(file: Any) -> bool:
+    return "ea.run_loop(" in Path(file.abs_src_path).read_text("utf-8")
 
 
 def _room(file: Any) -> Path:
