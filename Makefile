@@ -5,7 +5,7 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 
-.PHONY: demo test nightly check clean
+.PHONY: demo test nightly check docs package clean
 
 demo: .venv/installed  ## the paper's arm: table, plot and animation under out/
 	$(BIN)/python examples/two_link.py
@@ -22,12 +22,29 @@ check: .venv/installed  ## lint, format and types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: .venv/docs  ## the site, strictly, into site/; runs the code of every page
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+package: .venv/package  ## wheel and sdist into dist/, and the wheel tried in an environment of its own
+	rm -rf dist
+	$(BIN)/python -m build --quiet
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/python .ci/try_wheel.py dist/*.whl
+
 clean:
-	rm -rf .venv out
+	rm -rf .venv out site dist
 
 .venv/installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 		{ echo "eladapt needs Python 3.11 or later; say which with: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --editable ".[test]"
+	touch $@
+
+.venv/docs: .venv/installed
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	touch $@
+
+.venv/package: .venv/installed
+	$(BIN)/python -m pip install --quiet --editable ".[package]"
 	touch $@

@@ -1,4 +1,4 @@
-"""Makes the pictures of README.md and examples/README.md again: runs the examples, looks at what they leave.
+"""Makes the pictures of README.md, the site and examples/README.md again, from what the examples leave.
 
     python docs/render.py                  # all of them (some minutes)
     python docs/render.py panda own_law    # these examples' alone
@@ -33,6 +33,7 @@ DOCS = Path(__file__).resolve().parent
 EXAMPLES = DOCS.parent / "examples"
 THUMBNAILS = DOCS / "thumbnails"
 SMALL, MOST_BYTES = (320, 240), 60_000
+FRAME = 0.05  # [s] of the moving picture
 FLAGS = ["--no-sandbox", "--disable-quic", "--disable-background-networking", "--disable-component-update",
          "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # fmt: skip
 # When the motion looks best [s], and which file shows it where that has another name.
@@ -81,10 +82,16 @@ def main() -> None:
 
 
 def readme(browser: Any, out: Path) -> None:
-    """The three pictures of the README."""
+    """The pictures of README and site: the run's curves, a moment of it, its motion, its report."""
     with atomic_write(DOCS / "panda.png") as temporary:
         shutil.copyfile(out / "panda.png", temporary)
     save(scene(browser, out / "panda.html", MOMENT["panda"], (1000, 620)), DOCS / "panda_view.png")
+    shots = moving(browser, out / "panda.html", np.arange(0, 1.8, FRAME), (480, 320))
+    with atomic_write(DOCS / "pictures" / "panda.webp") as temporary:
+        lasting = [round(1000 * FRAME)] * (len(shots) - 1) + [1500]  # [ms] it rests at its set-point
+        shots[0].save(
+            temporary, save_all=True, append_images=shots[1:], duration=lasting, loop=0, quality=60, method=6
+        )
     page = ea.report(ea.Record.load(out / "panda.npz"), out / "report.html", animation=False)
     save(look(browser, page, (1280, 860)), DOCS / "report.png")
 
@@ -124,6 +131,23 @@ def look(browser: Any, page: Path, size: tuple[int, int], prepare: str = "") -> 
             return picture
         last = np.asarray(picture)
     sys.exit(f"error: {page.name} does not come to rest")
+
+
+def moving(browser: Any, page: Path, moments: np.ndarray, size: tuple[int, int]) -> list[Image.Image]:
+    """The animation at each of these moments [s]."""
+    opened = browser.new_page(viewport={"width": size[0], "height": size[1]})
+    opened.set_default_timeout(180_000)
+    opened.goto(page.resolve().as_uri())
+    time.sleep(4)
+    opened.evaluate("""(() => { viewer.animator.pause();
+        document.querySelectorAll(".dg, #legend").forEach(part => part.style.display = "none"); })()""")
+    shots = []
+    for moment in moments:
+        opened.evaluate(f"viewer.animator.seek({moment})")
+        time.sleep(0.4)
+        shots.append(Image.open(io.BytesIO(opened.screenshot())).convert("RGB"))
+    opened.close()
+    return shots
 
 
 def thumbnail(picture: Image.Image) -> Image.Image:

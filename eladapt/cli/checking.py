@@ -19,7 +19,7 @@ from eladapt.urdf.weighing import require_density
 
 def robots(_options: argparse.Namespace) -> None:
     """One line a robot."""
-    for name in library.names():
+    for name in library.robots():
         say(f"{name:16} {library.entry(name).description}")
 
 
@@ -30,7 +30,7 @@ def find(options: argparse.Namespace) -> Robot:
     """
     given = str(options.robot)
     is_path = Path(given).suffix or "/" in given or Path(given).exists()
-    if not is_path or given in library.names():
+    if not is_path or given in library.robots():
         if options.lock or options.package_dir or options.mend or options.density is not None:
             raise ArgumentError(
                 f"--lock, --package-dir, --mend, --density: {given} is the library's; "

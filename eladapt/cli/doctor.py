@@ -98,10 +98,10 @@ def _robots() -> Iterator[Finding]:
     from eladapt.robot import library
     from eladapt.robot.model import Robot
 
-    for name in library.names():
+    for name in library.robots():
         Robot.load(name)
     yield Finding(
-        "ok", f"{len(library.names())} robots of the library are read: {', '.join(library.names())}"
+        "ok", f"{len(library.robots())} robots of the library are read: {', '.join(library.robots())}"
     )
 
 

@@ -158,6 +158,7 @@ class CompositeController:
 
     @property
     def robot(self) -> Robot:
+        """The arm as its file has it."""
         return self.regressors.robot
 
     def init(

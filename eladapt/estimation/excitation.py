@@ -29,9 +29,11 @@ class IntervalExcitation:
     """The integral of Omega'Omega since the start (502), kept as a triangle."""
 
     def init(self, n_parameters: int) -> Information:
+        """Nothing was excited yet."""
         return Kreisselmeier().init(n_parameters)
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
+        """Add the regression held over dt [s]."""
         return information._replace(
             triangle=kernels.updated(information.triangle, 1.0, dt, regression.omega, regression.y)[0]
         )

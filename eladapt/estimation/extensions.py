@@ -126,7 +126,10 @@ class LeastSquares:
         return prior_alone(n_parameters, self.f0)._replace(weakest=weakest)
 
     def step(self, information: Information, regression: Regression, dt: float) -> Information:
-        """Forget over dt [s] at the rate that F allows and add the regression held over it."""
+        """Forget over dt [s] at the rate that F allows and add the regression held over it.
+
+        Raises ArgumentError for dt >= 1/beta.
+        """
         before, prior, _, weight, weakest = information
         least, weakest = kernels.smallest(before, weakest)
         kept = 1 - dt * self.forgetting(least)

@@ -166,7 +166,7 @@ class Determinant(_Scalar):
     """delta = det Phi (488), (832), as the paper has it; by logarithms, without adjugate."""
 
     def delta(self, gates: np.ndarray) -> float:
-        """det Phi."""
+        """det Phi of the eigenvalues (k,) of Phi."""
         with np.errstate(divide="ignore"):
             log_delta = np.sum(np.log(gates))
         return float(np.exp(np.clip(log_delta, -LOG_LIMIT, LOG_LIMIT)) * np.all(gates > 0))
@@ -177,7 +177,7 @@ class SmallestEigenvalue(_Scalar):
     """delta = lambda_min(Phi): the same regression, not shrunk by the product of all factors."""
 
     def delta(self, gates: np.ndarray) -> float:
-        """lambda_min(Phi)."""
+        """The smallest of the eigenvalues (k,) of Phi."""
         return float(gates.min(initial=1.0))
 
 

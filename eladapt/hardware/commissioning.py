@@ -111,7 +111,8 @@ def commission(
     """Move each joint a little, and tell noise, delay, velocity lag, jitter, friction and sign.
 
     The arm rests for 1.5 s where it is, and then each joint swings about that place by at most ``reach``
-    [rad or m], within its range and a third of its speed limit, all of them at once; ``duration`` [s] in all.
+    [rad or m], a number or (nv,), within its range and a third of its speed limit, all of them at once;
+    ``duration`` [s] in all.
     The controller expects bad hardware meanwhile and stands behind its gate, which ends it with a fault as
     ever. Friction is taken for known where its standard deviation is below 5 % of it.
 

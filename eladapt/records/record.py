@@ -166,7 +166,10 @@ class Record:
         return furthest_beyond(self.t, x, self.lower, self.upper, self.dt, self.joint_names)
 
     def save(self, path: str | Path) -> Path:
-        """Write one compressed .npz, first to a temporary name; returns its path."""
+        """Write one compressed .npz, first to a temporary name; returns its path.
+
+        Raises ArgumentError for a name that does not end with .npz.
+        """
         path = Path(path)
         if path.suffix != ".npz":
             raise ArgumentError(f"path: expected a name that ends with .npz, got {path.name!r}")

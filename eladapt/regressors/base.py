@@ -55,7 +55,8 @@ class ParameterBasis:
     ) -> ParameterBasis:
         """A basis of one's own: theta_M = kinetic_rows @ pi, theta_U = potential_rows @ pi.
 
-        The rows must make up this robot's torque, which `Regressors` verifies.
+        kinetic_rows (i, s), potential_rows (j, s) of the s standard parameters pi; labels: i + j names. The
+        rows must make up this robot's torque, which `Regressors` verifies.
         """
         kinetic_rows, potential_rows = np.atleast_2d(kinetic_rows), np.atleast_2d(potential_rows)
         i, j, s = len(kinetic_rows), len(potential_rows), kinetic_rows.shape[1]

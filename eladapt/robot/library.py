@@ -36,15 +36,15 @@ def folder() -> Path:
     return shipped if shipped.is_dir() else package.parent / "robots"
 
 
-def names() -> list[str]:
+def robots() -> list[str]:
     """The robots that `Robot.load` knows, in alphabetical order."""
     return sorted(path.stem for path in folder().glob("*.toml"))
 
 
 def entry(name: str) -> Entry:
     """The description of one robot. Raises UnknownNameError, which lists the legal names."""
-    if name not in names():
-        raise UnknownNameError("robot", [name], names())
+    if name not in robots():
+        raise UnknownNameError("robot", [name], robots())
     with (folder() / f"{name}.toml").open("rb") as file:
         table = tomllib.load(file)
     root = example_robot_data() if table.get("source") == EXAMPLE_ROBOT_DATA else folder()

@@ -172,14 +172,17 @@ class Robot:
 
     @functools.cached_property
     def nq(self) -> int:
+        """How many numbers a configuration has: two for each continuous joint, one for each other."""
         return self._space.nq
 
     @functools.cached_property
     def nv(self) -> int:
+        """How many joints move."""
         return self._space.nv
 
     @functools.cached_property
     def joint_names(self) -> tuple[str, ...]:
+        """The nv joints that move, in the order of all arrays."""
         return tuple(self.model.names)[1:]
 
     @property
@@ -218,7 +221,10 @@ class Robot:
         return np.array(self.model.upperDryFrictionLimit)
 
     def configuration(self, x: Sequence[float] | np.ndarray | Mapping[str, float]) -> np.ndarray:
-        """Joint coordinates (nv,) [rad or m], or one for each joint by name -> q (nq,)."""
+        """Joint coordinates (nv,) [rad or m], or one for each joint by name -> q (nq,).
+
+        Raises ArgumentError for another number of them, UnknownNameError for a joint that is none.
+        """
         if isinstance(x, Mapping):
             if unknown := [name for name in x if name not in self.joint_names]:
                 raise UnknownNameError("joint", unknown, self.joint_names)
@@ -280,12 +286,12 @@ class Robot:
         return np.array(pin.aba(self.model, self._scratch.own, q, v, tau))
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
-        """1/2 v' M(q) v [J], the rotors' included."""
+        """1/2 v' M(q) v [J], the rotors' included; q (nq,), v (nv,)."""
         v = self.check_v(v)
         return float(0.5 * v @ self.mass_matrix(q) @ v)
 
     def potential_energy(self, q: np.ndarray) -> float:
-        """U(q) [J]."""
+        """U(q) [J]; q (nq,)."""
         return float(pin.computePotentialEnergy(self.model, self._scratch.own, self.check_q(q)))
 
     def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
@@ -322,7 +328,7 @@ class Robot:
 
     @functools.cached_property
     def _source(self) -> dict[str, Any]:
-        if self.name in library.names():
+        if self.name in library.robots():
             listed = Robot.load(self.name)
             if listed.model == self.model and listed._beside_the_model() == self._beside_the_model():
                 return {"load": self.name}

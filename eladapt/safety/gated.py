@@ -72,7 +72,7 @@ class GatedController(Around):
 
     @classmethod
     def for_robot(cls, controller: BareController, dt: float = 1e-3, **limits: Any) -> GatedController:
-        """The controller behind the limits of its robot's URDF; see `TorqueGate.for_robot`."""
+        """The controller behind the limits of its robot's URDF, for steps of dt [s]; see `TorqueGate`."""
         require_controller(controller)
         return cls(controller, TorqueGate.for_robot(controller.robot, dt, **limits))
 

@@ -100,6 +100,8 @@ def certify(
 ) -> Certificate:
     """The conditions of the propositions for a controller's gains, with the paper's slips corrected.
 
+    They are on d1 (530), gamma_A1 (602), the weights d2 (660b) and d3 (d4value), V_1 > 0 (SLFV1), v(e) > 0.
+
     robot: the one that moves, the controller's nominal one when None. dt [s]: adds the sampling
     limits. d2, d3: weights of the cross terms of V_A2 and V_FT, the largest allowed when None.
     The paper's conditions are sufficient; the sampled ones try V_1 and v(e) themselves on ``samples``

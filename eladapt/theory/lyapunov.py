@@ -136,7 +136,9 @@ def log_cosh(x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class LyapunovFunctions:
-    """V_0, V_1, V_A1, V_A2 and V_FT of a controller on a robot.
+    """V_0 (ISSLF), V_1 (SLFV1), V_A1 (SLFVA1), V_A2 (SLF3) and V_FT (SLF6) of a controller on a robot.
+
+    Arguments broadcast over leading axes: e1, e2 (..., nv), q (..., nq), theta_error (..., n_adapted).
 
     gamma3, gamma4 > 0: weights of (SLF3) and (SLF6). d2, d3 > 0: weights of the cross terms of
     (660a) and (SLF6), the largest that (660b) and (d4value) allow when None, from ``bounds``. robot:
@@ -172,6 +174,7 @@ class LyapunovFunctions:
 
     @property
     def weights(self) -> Weights:
+        """r_1, r_2 and the degrees made of them (ExponeHom)."""
         return Weights.of(self.controller.control)
 
     def __call__(

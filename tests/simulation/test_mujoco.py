@@ -38,7 +38,7 @@ def disagreement(plant, robot, rng, count=100):
     return worst / (1, scale)
 
 
-@pytest.mark.parametrize("name", library.names())
+@pytest.mark.parametrize("name", library.robots())
 def test_both_engines_have_the_same_dynamics(name, mujoco_plant, rng):
     """M and C v + g agree to 1e-12 at 100 random states, without a load and with one at the tool."""
     robot = load(name)

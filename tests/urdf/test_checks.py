@@ -82,7 +82,7 @@ def test_the_unchanged_arm_passes(tmp_path):
     check_model(model_of(path), path)
 
 
-@pytest.mark.parametrize("name", library.names())
+@pytest.mark.parametrize("name", library.robots())
 def test_every_robot_of_the_library_passes(name):
     """Each robots/*.toml names a sound URDF, and postures strictly inside its limits."""
     entry, robot = library.entry(name), Robot.load(name)

@@ -65,7 +65,7 @@ def test_a_link_that_is_held_is_not_told(tmp_path):
     assert list(misplaced_masses(checked.root, checked.locked)) == []
 
 
-@pytest.mark.parametrize("name", library.names())
+@pytest.mark.parametrize("name", library.robots())
 def test_published_robots_are_not_told(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error", UnitsWarning)
