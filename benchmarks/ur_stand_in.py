@@ -27,7 +27,7 @@ from eladapt.hardware.ur_stand_in import PERIOD, URStandIn
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 MODEL, URDF = SHARED / "plants" / "ur5e_menagerie.xml", SHARED / "arms" / "ur5e.urdf"
 START = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
-NUMBER, EACH, FAR = 6, 5.0, 0.4  # set-points, [s], [rad] from the start
+NUMBER, EACH, FAR = 4, 5.0, 0.4  # set-points, [s], [rad] from the start
 SERVO, RUBBING = "servo's damping", "friction"
 SLOW = {SERVO: 0.1, RUBBING: 0.5}  # of the speed limits
 FRICTION = ea.Friction(viscous=1.0, coulomb=np.array([4.0, 4.0, 3.0, 1.0, 1.0, 1.0]))

@@ -18,6 +18,7 @@ from eladapt.errors import HardwareError, require_number
 
 SPIN = 2e-4  # [s] before it is due, sleeping ends: what Linux wakes late by is below this 99 % of the time
 MCL_CURRENT, MCL_ONFAULT = 1, 4  # of mlockall in Linux: what is there already, page by page as it is used
+EDGES = (50, 100, 200, 300, 400, 500, 700, 1000, 2000, 5000)  # [us] between the bars of a histogram
 BLOCKED = 0.1  # of a period: a read that takes longer has waited for the robot
 
 
@@ -30,6 +31,8 @@ class Timing(NamedTuple):
     missed: int  # ticks that were left out because of that; of a robot that keeps the clock, unread cycles
     work: tuple[float, float, float, float]  # from measurement to command: 50 %, 99 %, 99.9 %, largest
     late: tuple[float, float, float, float]  # from when a tick was due to its measurement: the same
+    work_counts: tuple[int, ...] = ()  # how many ticks there were with work below, between and above `EDGES`
+    late_counts: tuple[int, ...] = ()  # the same of late
 
     @property
     def overrun_share(self) -> float:
@@ -106,8 +109,11 @@ class Pacer:
     def timing(self) -> Timing:
         """What there was so far."""
         count = min(self.ticks, len(self._work))
-        work, late = (_quantiles(values[:count]) for values in (self._work, self._late))
-        return Timing(self.period, self.ticks, self.overruns, self.missed, work, late)
+        work, late = self._work[:count], self._late[:count]
+        return Timing(
+            self.period, self.ticks, self.overruns, self.missed, _quantiles(work), _quantiles(late),
+            _counts(work), _counts(late),
+        )  # fmt: skip
 
 
 @contextlib.contextmanager
@@ -176,3 +182,9 @@ def _quantiles(values: np.ndarray) -> tuple[float, float, float, float]:
         return (0.0, 0.0, 0.0, 0.0)
     half, most, nearly, largest = (float(q) for q in np.quantile(values, (0.5, 0.99, 0.999, 1.0)))
     return half, most, nearly, largest
+
+
+def _counts(values: np.ndarray) -> tuple[int, ...]:
+    """How many values [s] are below, between and above `EDGES`."""
+    bars = np.searchsorted(EDGES, 1e6 * values, side="right")
+    return tuple(np.bincount(bars, minlength=len(EDGES) + 1).tolist())

@@ -94,7 +94,9 @@ class URRobot:
             lambda: library.RTDEReceiveInterface(self.address, FREQUENCY), said, (RuntimeError,)
         )
         if self.recover and self._receive.isProtectiveStopped():
-            in_time(lambda: _unlock(library.DashboardClient(self.address)), said, (RuntimeError,))
+            dashboard = library.DashboardClient(self.address)
+            stays = f"{self.address}: the protective stop stays"
+            in_time(lambda: self._unlock(dashboard), stays, (RuntimeError,))
         self._require_ready()
         self._control = in_time(
             lambda: library.RTDEControlInterface(self.address, FREQUENCY), said, (RuntimeError,)
@@ -164,6 +166,15 @@ class URRobot:
             self._sent.popleft()
         return self._sent[0][1]
 
+    def _unlock(self, dashboard: Any) -> None:
+        """End a protective stop, as at the pendant; the robot refuses that for some seconds after it."""
+        dashboard.connect()
+        dashboard.closeSafetyPopup()
+        dashboard.unlockProtectiveStop()
+        dashboard.disconnect()
+        while self._receive.isProtectiveStopped():  # until the next sample says so
+            time.sleep(NAP)
+
     def _require_ready(self) -> None:
         """Raises HardwareError for a robot that has stopped, and what to do."""
         if self._receive.isEmergencyStopped():
@@ -194,14 +205,6 @@ def loaded_gravity(
         return robot.gravity
     mass, (x, y, z) = load
     return dataclasses.replace(robot, model=Payload(mass, (x, y, z)).loaded(robot)).gravity
-
-
-def _unlock(dashboard: Any) -> None:
-    """End a protective stop, as at the pendant."""
-    dashboard.connect()
-    dashboard.closeSafetyPopup()
-    dashboard.unlockProtectiveStop()
-    dashboard.disconnect()
 
 
 def ur_rtde() -> Any:

@@ -54,7 +54,9 @@ class URStandIn:
         self.measurement = plant.reset()
         self.tripped = ""  # the check, and what it saw
         self.emergency = self.following = False  # following: torques, else the arm is held
-        self.load = (0.0, [0.0, 0.0, 0.0])
+        self.load: tuple[float, Sequence[float]] = (0.0, (0.0, 0.0, 0.0))
+        self._loaded: Callable[[np.ndarray], np.ndarray] = robot.gravity  # with that load
+        self._held = 0.0  # [s] for which the plant's clock stood still
         self.sent = np.zeros(JOINTS)
         self._told = [self.sent] * delay
         self._asked, self._resting, self._silent = False, False, 0
@@ -76,19 +78,24 @@ class URStandIn:
 
     def added(self, q: np.ndarray) -> np.ndarray:
         """(6,) [N m] what the firmware adds."""
-        robot = self.plant.robot
-        return self.gravity(q) + loaded_gravity(robot, self.load)(q) - robot.gravity(q)
+        return self.gravity(q) + self._loaded(q) - self.plant.robot.gravity(q)
+
+    def carry(self, mass: float, centre: Sequence[float]) -> None:
+        """Be told a load [kg] and its centre (3,) [m]."""
+        self.load = (mass, tuple(centre))
+        self._loaded = loaded_gravity(self.plant.robot, self.load)
 
     def take(self, torque: np.ndarray) -> bool:
         """Follow a torque (6,) [N m] from the next period on; whether it was accepted."""
         if self.tripped or self.emergency or self.mode != RUNNING:
             return False
+        step = np.abs(torque - self.sent)
         if not np.isfinite(torque).all():
             self._trip(f"torque: {torque}, which is no number")
         elif (np.abs(torque) > self.effort).any():
             self._trip(f"torque: {torque} N m, limits {self.effort}")
-        elif self.following and (np.abs(torque - self.sent) > STEP * self.effort).any():
-            self._trip(f"torque step: {torque - self.sent} N m, limits {STEP * self.effort}")
+        elif self.following and (step > STEP * self.effort).any():
+            self._trip(f"torque step: {step} N m, limits {STEP * self.effort}")
         if self.tripped:
             return False
         if not self.following:
@@ -113,11 +120,13 @@ class URStandIn:
         if self.following:
             self._told.append(self.sent)
             acts = self._told.pop(0) + self.added(self.plant.q)
-            self.measurement = self.plant.step(np.clip(acts, -self.effort, self.effort), PERIOD)
+            moved = self.plant.step(np.clip(acts, -self.effort, self.effort), PERIOD)
+            self.measurement = moved._replace(t=moved.t + self._held)
         else:  # the firmware's own position control holds the arm
+            self._held += PERIOD
             self.measurement = self.measurement._replace(t=self.measurement.t + PERIOD)
-        _, q, v, _ = self.measurement
-        fastest = FAST * self.plant.robot.velocity_limit
+        robot, v = self.plant.robot, self.measurement.v
+        q, fastest = robot.coordinates(self.measurement.q), FAST * robot.velocity_limit
         if (np.abs(v) > fastest).any():
             self._trip(f"speed: {v} rad/s, limits {fastest}")
         if (np.abs(q) > TURN).any():
@@ -185,7 +194,7 @@ class Control:
 
     def setPayload(self, mass: float, cog: Sequence[float]) -> bool:
         """The load [kg] that the firmware is told, and its centre [m] in the tool's frame."""
-        self.arm.load = (mass, list(cog))
+        self.arm.carry(mass, cog)
         return True
 
     def directTorque(

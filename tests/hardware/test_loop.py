@@ -417,6 +417,9 @@ def test_the_pacer_counts_what_is_late_and_does_not_catch_up():
     assert timing.missed >= 2
     assert timing.work[3] >= 0.07
     assert "1 overruns (16.67%)" in str(timing) or timing.overruns > 1
+    assert sum(timing.work_counts) == sum(timing.late_counts) == timing.ticks
+    assert timing.work_counts[-1] >= 1, "above the last edge, 5 ms"
+    assert timing.late_counts[-1] < timing.ticks
 
 
 def arm(name, pipe):

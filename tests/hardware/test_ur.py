@@ -52,7 +52,7 @@ def test_what_acts_is_what_was_sent_and_what_the_firmware_adds(delay):
     """So many periods later."""
     robot, arm, interface = connected(load=(1.5, (0, 0, 0.1)), delay=delay)
     interface.start()
-    assert arm.load == (1.5, [0.0, 0.0, 0.1])
+    assert arm.load == (1.5, (0.0, 0.0, 0.1))
     first = interface.read()
     q = first.q
     hung = robot.model.frames[robot.model.getFrameId(robot.tool)]
@@ -140,7 +140,22 @@ def test_a_joint_beyond_a_turn_stops_it():
     assert arm.tripped.startswith("position: ")
 
 
-def test_a_protective_stop_is_recovered_only_when_asked():
+def test_the_clock_of_an_arm_that_is_held_goes_on():
+    """While it is held nothing moves, and time never goes back when it is let go."""
+    robot = load("ur5")
+    arm = URStandIn(ea.PinocchioPlant(robot, robot.configuration(robot.home)))
+    times = [arm.timestamp() for _ in range(5)]
+    assert np.array_equal(arm.measurement.q, robot.configuration(robot.home))
+    arm.take(np.zeros(6))
+    times += [arm.timestamp() for _ in range(5)]
+    assert np.diff(times) == pytest.approx(PERIOD)
+
+
+def refused(said):
+    raise RuntimeError(said)
+
+
+def test_a_protective_stop_is_recovered_only_when_asked(monkeypatch):
     """The next start is refused and says why; with recover=True it goes on where the arm is."""
     robot, arm, interface = connected()
     interface.start()
@@ -149,6 +164,10 @@ def test_a_protective_stop_is_recovered_only_when_asked():
     with pytest.raises(HardwareError, match=r"protective stop; see the pendant why, and unlock it there"):
         interface.start()
     again = ur.URRobot("127.0.0.1", robot, library=arm, recover=True)
+    with monkeypatch.context() as refusing:
+        refusing.setattr(arm, "unlock", lambda: refused("not within 5 s of the stop"))
+        with pytest.raises(HardwareError, match=r"the protective stop stays: not within 5 s of the stop"):
+            again.start()
     goal = robot.configuration(robot.home + 0.1)
     result = ea.run_loop(gated(robot), again, goal, 0.5, PERIOD)
     assert (result.ended, arm.tripped) == ("duration", "")
