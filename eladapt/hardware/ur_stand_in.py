@@ -3,9 +3,9 @@
 Time stands still while the caller thinks: asking for a time stamp that was seen already is what lets the next
 period pass. So a loop behaves the same on every computer, and faster than the arm would.
 
-What the maker publishes is his: the period, the speed limits, positions within a turn both ways. By how much
-a torque may change, and for how long none may come, are assumed. Friction is not compensated, whatever the
-scales.
+The period and positions within a turn both ways are the maker's. By how much a torque may change, for how
+long none may come, and what share of a speed limit stops the arm, are assumed. Friction is not compensated,
+whatever the scales.
 """
 
 from __future__ import annotations
