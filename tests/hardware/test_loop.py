@@ -8,6 +8,7 @@ import re
 import socket
 import time
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -396,10 +397,19 @@ def permitted() -> bool:
 @pytest.mark.skipif(not permitted(), reason="real-time priority is not permitted here")
 def test_real_time_priority_lasts_as_long_as_the_loop():
     """And what is in memory stays there meanwhile, where that is permitted."""
+    before = locked_memory()
     with undisturbed(priority=3):
         assert os.sched_getscheduler(0) == os.SCHED_FIFO
         assert os.sched_getparam(0).sched_priority == 3
+        if os.geteuid() == 0:
+            assert locked_memory() > before
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    assert locked_memory() == before
+
+
+def locked_memory() -> int:
+    """[kB] of this process that stay in memory."""
+    return int(re.search(r"VmLck:\s+(\d+)", Path("/proc/self/status").read_text())[1])
 
 
 def test_the_pacer_counts_what_is_late_and_does_not_catch_up():
