@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from eladapt.files import atomic_write
 from eladapt.records.description import versions
@@ -29,6 +31,14 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |" for row in cells]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
     return "\n".join([*lines, ""])
+
+
+def gathered(path: Path, row: dict[str, Any]) -> list[dict[str, Any]]:
+    """All rows of a file, after this one was added: of runs that take too long for one go."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        file.write(json.dumps(row) + "\n")
+    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 def write(

@@ -1,4 +1,4 @@
-"""The loop at 1 kHz against a robot in another process: overruns, times of a step, and where the arm ends up.
+"""The loop at 1 kHz against a robot in another process: overruns, jitter, latency, and where the arm ends up.
 
 MuJoCo simulates the arm in real time behind UDP on loopback. The set-point changes between the target of the
 library and home every ten seconds. Nothing else should run on the machine.
@@ -7,13 +7,15 @@ library and home every ten seconds. Nothing else should run on the machine.
 from __future__ import annotations
 
 import argparse
+import itertools
 import multiprocessing
 from multiprocessing.connection import Connection
 
 import numpy as np
-from table import write
+from table import markdown, write
 
 import eladapt as ea
+from eladapt.hardware.timing import EDGES, Timing
 from eladapt.hardware.udp import Served, serve
 
 DT, LEG = 1e-3, 10.0  # [s]
@@ -52,6 +54,19 @@ def leg_errors(record: ea.Record) -> np.ndarray:
     return np.array([error[(t > t[end] - 1) & (np.arange(len(t)) <= end)].max() for end in ends])
 
 
+def histogram(timings: dict[str, Timing]) -> str:
+    """Shares of the ticks, as a table."""
+    ends = [0, *EDGES, np.inf]
+    bars = [f"{low:g} to {high:g}" for low, high in itertools.pairwise(ends)]
+    columns = [
+        [f"{count / timing.ticks:.2%}" for count in counts]
+        for timing in timings.values()
+        for counts in (timing.late_counts, timing.work_counts)
+    ]
+    head = ["[us]", *(f"{name}: {what}" for name in timings for what in ("late", "state to command"))]
+    return markdown(head, list(zip(bars, *columns, strict=True)))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--robots", nargs="+", default=["two_link", "panda"])
@@ -60,9 +75,10 @@ def main() -> None:
     parser.add_argument("--dry", action="store_true", help="print, but leave the table of results as it is")
     options = parser.parse_args()
     rows: list[list[object]] = []
+    timings: dict[str, Timing] = {}
     for name in options.robots:
         result, served = run(name, options.duration, options.priority)
-        timing = result.timing
+        timing = timings[name] = result.timing
         print(f"{name}: {timing}; {served}; {result.ended}, fault: {result.fault}", flush=True)
         work, late = (", ".join(f"{1e6 * x:.0f}" for x in times) for times in (timing.work, timing.late))
         rows.append(
@@ -83,7 +99,9 @@ def main() -> None:
         f"{priority} real-time priority. Times: 50 %, 99 %, 99.9 %, largest. An overrun is a tick whose "
         "command was not out when the next one was due (asked: under 1 %). Error at rest: in the last second "
         f"of each leg of {LEG:g} s (asked: 2e-3 rad). Periods without a torque: by the robot, which then "
-        "holds the one before."
+        "holds the one before.\n\n## Jitter and latency\n\n"
+        f"{histogram(timings)}\nShares of all ticks. Late: from when a tick was due until its state was "
+        "there. State to command: from there until the torque was out."
     )
     write("udp_loop", "1 kHz over UDP against a robot in another process", head, rows, notes)
 

@@ -41,7 +41,7 @@ MOMENT = {"panda": 0.45, "panda_payload": 5.5, "two_link": 0.5, "ur5_waypoints":
           "kinova_continuous": 0.4, "talos_armature": 0.4, "own_urdf": 0.1, "own_law": 0.5}  # fmt: skip
 PLOTS = {
     "paper": "paper_case1_motion.png", "hardware_loop": "hardware_loop.png",
-    "identify_panda": "identify_panda.png", "identify_log": "identify_log_motion.png",
+    "identify_panda": "identify_panda.png", "identify_log": "identify_log_motion.png", "ur": "ur.png",
 }  # no animation  # fmt: skip
 UNSEEN = ("franka",)  # it needs a robot
 SHOWS = {"own_urdf": "own_two_link"}

@@ -1,6 +1,7 @@
 """Every example runs headless as a user would run it, and leaves what it says it leaves."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,7 @@ LEAVES = {
     ),
     "identify_log": ("identify_log.urdf", "identify_log.html", "identify_log_motion.png"),
     "franka": ("franka.npz", "franka.html"),
+    "ur": ("ur.png", "ur.npz", "ur.html"),
     "paper": ("paper.md", *(f"paper_case{c}_{k}.png" for c in (1, 2) for k in ("motion", "estimation"))),
 }
 
@@ -51,6 +53,12 @@ def test_example_leaves_its_files(name, tmp_path):
     if name == "franka" and "ELADAPT_FRANKA_SIM_PYTHON" not in os.environ:
         assert done.stdout.startswith("skipped: give the address of a robot")
         return
+    if name == "ur":
+        weighed = re.search(r"the load: ([\d.]+) \+- ", done.stdout)
+        assert float(weighed[1]) == pytest.approx(1.5, rel=0.03), "the load that was hung on"
+        left = re.findall(r"^(?:set-points|slow move).*; (\S+) rad left$", done.stdout, re.M)
+        assert len(left) == 3
+        assert max(map(float, left)) < 1e-3
     for file in LEAVES[name]:
         assert (tmp_path / file).stat().st_size > 1000 or file.endswith(".md")
 

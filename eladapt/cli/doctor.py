@@ -12,6 +12,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,7 @@ class Finding(NamedTuple):
 def doctor(_options: argparse.Namespace) -> int:
     """Print the findings; 1 if something that is needed is missing."""
     grades = []
-    for part in (_python, _packages, _pinocchio, _robots, _loopback, _speed):
+    for part in (_python, _packages, _pinocchio, _robots, _loopback, _speed, _realtime):
         for finding in _safely(part):
             say(f"{finding.grade:4}  {finding.text}", flush=True)
             grades.append(finding.grade)
@@ -118,6 +119,42 @@ def _speed() -> Iterator[Finding]:
     yield Finding("ok" if fast else "note", text + (": 1 kHz" if fast else ": too slow for 1 kHz"))
     if os.environ.get("OPENBLAS_NUM_THREADS") != "1":
         yield Finding("note", "the matrices are small: OPENBLAS_NUM_THREADS=1 is faster, and steadier")
+
+
+def _realtime() -> Iterator[Finding]:
+    """What `run_loop` can ask this system for, so that nothing comes between a measurement and its torque."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield Finding("note", "this system has no real-time scheduling for priority= and cpus= of run_loop")
+        return
+    cpus = sorted(os.sched_getaffinity(0))
+    apart = _read("/sys/devices/system/cpu/isolated")
+    if apart:
+        yield Finding("ok", f"processors {apart} are kept free: run_loop(..., cpus=) of these")
+    elif len(cpus) > 1:
+        last = cpus[-1]
+        text = f"no processor is kept free (isolcpus={last} would): run_loop(..., cpus=[{last}]) keeps to one"
+        yield Finding("note", text)
+    else:
+        yield Finding("note", "one processor for all: a loop waits for whatever else runs")
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    most = 99 if os.geteuid() == 0 or limit == resource.RLIM_INFINITY else min(limit, 99)
+    if most:
+        yield Finding("ok", f"run_loop(..., priority=) takes 1 to {most}")
+    else:
+        text = "run_loop(..., priority=) is refused: add '@realtime - rtprio 80' to /etc/security/limits.conf"
+        yield Finding("note", text)
+    if _read("/sys/kernel/realtime") != "1":
+        yield Finding("note", "the kernel is not a real-time one (PREEMPT_RT): some ticks will be late")
+
+
+def _read(path: str) -> str:
+    """What a file of the system says, "" where there is none."""
+    try:
+        return Path(path).read_text().strip()
+    except OSError:
+        return ""
 
 
 def _step_times() -> tuple[float, float]:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import contextlib
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
+from threading import Event
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -24,6 +25,7 @@ from eladapt.errors import (
 )
 from eladapt.hardware.bookkeeping import Bookkeeping
 from eladapt.hardware.interruption import Interruption
+from eladapt.hardware.shown import shown_number, shown_reference, shown_vector
 from eladapt.hardware.timing import Pacer, Timing, undisturbed
 from eladapt.motion.limits import MotionLimits
 from eladapt.motion.shaped import Shaped, shapes
@@ -34,7 +36,7 @@ from eladapt.robot.joint_limits import speed
 from eladapt.robot.model import Robot
 from eladapt.robot.postures import require_holdable, require_within
 from eladapt.robot.protocols import BareController, Goal, GoalCourse, require_controller
-from eladapt.signals import Measurement, Reference
+from eladapt.signals import Measurement
 
 GAP = 1.0  # [s] between two runs whose clocks have nothing to do with each other: filters start afresh
 MOVING = 0.02  # of its speed limit: a joint that is faster does not rest; noise and encoders make less
@@ -70,10 +72,19 @@ class LoopResult(NamedTuple):
     record: Record
     state: Any  # the controller's last
     timing: Timing
-    ended: str  # "duration", "fault" or "interrupted"
+    ended: str  # "duration", "fault", "interrupted" (by a signal) or "stopped" (by ``stop``)
     fault: Any = None  # the gate's, if there is one
     unkept: tuple[str, ...] = ()  # what failed in keeping samples and checkpoints, one text each
     unstopped: str = ""  # which joint still moved when `stop` had returned, and how fast; "": none was seen
+
+    def __str__(self) -> str:
+        """In one line, how it ended and why."""
+        why = {
+            "duration": "went on to its end", "fault": f"ended by the gate: {self.fault}",
+            "interrupted": "interrupted by a signal", "stopped": "stopped by its caller",
+        }[self.ended]  # fmt: skip
+        parts = (f"the loop {why}, after {self.timing.ticks} ticks", self.unstopped, *self.unkept)
+        return "; ".join(part for part in parts if part)
 
 
 def run_loop(
@@ -87,7 +98,9 @@ def run_loop(
     after_fault: float = 1.0,
     checkpoint: str | Path | None = None,
     every: float = 1.0,
+    stop: Event | None = None,
     priority: int | None = None,
+    cpus: Collection[int] | None = None,
     title: str = "",
     shaped: bool = True,
     limits: MotionLimits | None = None,
@@ -101,7 +114,8 @@ def run_loop(
     it ends at once, since `stop` is what closes them.
     checkpoint: a file to which the state is saved every ``every`` [s] and at the end, for `load_state`; a
     write takes a millisecond or two. It is tried before the robot starts; a write that fails later is warned
-    of, once, and the loop goes on. priority: see `undisturbed`. shaped: whether the goal becomes a
+    of, once, and the loop goes on. stop: a `threading.Event`; who sets it, in whatever thread, stops the arm
+    with the next tick. priority, cpus: see `undisturbed`. shaped: whether the goal becomes a
     reference within ``limits`` (None: `MotionLimits.for_robot`), so that a set-point that jumps makes the arm
     move smoothly, see `Shaped`; the state is that of the controller inside.
 
@@ -126,14 +140,15 @@ def run_loop(
         raise ArgumentError(f"state: holds the fault {fault}; clear it with state = controller.reset(state)")
     require_controller(controller)
     require_interface(interface)
+    _require_unset(stop)
     _require_reachable(controller.robot, goal)
     shaping = Shaped(controller, limits) if shaped and not shapes(controller) else None
     after_fault = require_number("after_fault", after_fault, 0, closed=True)
     warm = _warm_up(controller, shaping, dt)
     books = Bookkeeping(controller, dt, steps + 1, title, warm if state is None else state, checkpoint, every)
-    loop = _Loop(controller, shaping, interface, goal, dt, steps, books)
+    loop = _Loop(controller, shaping, interface, goal, dt, steps, books, stop)
     with Interruption() as interruption:
-        with undisturbed(priority):
+        with undisturbed(priority, cpus):
             ended, cause = _driven(loop, state, after_fault, interruption)
         unstopped = _unstopped(loop, interruption)
         books.save(loop.state)
@@ -168,7 +183,9 @@ class _Loop:
         dt: float,
         steps: int,
         books: Bookkeeping,
+        stop: Event | None,
     ):
+        self.stop = stop
         self.robot = controller.robot
         self.controller, self.shaping, self.interface, self.books = controller, shaping, interface, books
         self.dt, self.steps = dt, steps
@@ -186,6 +203,8 @@ class _Loop:
         while self.pacer.ticks + self.pacer.missed < self.steps and left > 0:
             if interruption.signals:
                 return "interrupted"
+            if self.stop and self.stop.is_set():
+                return "stopped"
             fault = self.tick()
             if getattr(self.state, "brake", False):
                 return "fault"
@@ -197,7 +216,7 @@ class _Loop:
     def begin(self, state: Any) -> None:
         """The first measurement, and a state at it."""
         first = self.interface.read()
-        self.began = first.t
+        self.began = self.latest = first.t
         self.state = self.controller.init(first) if state is None else self._resumed(state, first)
         if self.shaping:
             self.reference = self.shaping.around(self.state, first)
@@ -214,25 +233,30 @@ class _Loop:
         """Read, step, write, keep; returns the fault there is."""
         before = time.monotonic()
         measurement = self.interface.read()
-        self.pacer.began(time.monotonic() - before)
-        goal = self.goal_at(_number(getattr(measurement, "t", None)) - self.began)
+        t = shown_number(getattr(measurement, "t", None))
+        self.pacer.began(time.monotonic() - before, t - self.latest)
+        goal = self.goal_at(t - self.began)
         seen = self._seen(measurement)  # now: the driver may use its buffers again
-        self.latest = seen[0]
+        self.latest = t
         if self.shaping:
             self.reference, tau = self.shaping.step(self.reference, measurement, goal, self.dt)
             self.state = self.reference.inner
         else:
             self.state, tau = self.controller.step(self.state, measurement, goal, self.dt)
         sent = np.array(tau, dtype=float)
-        self.interface.write(sent.copy())
-        self.books.keep(*seen, sent, _reference(goal, self.robot), self.state, self.pacer.ticks + 1)
+        try:
+            self.interface.write(sent.copy())
+        except Exception:
+            if not getattr(self.state, "brake", False):  # else the gate's fault is why it ends
+                raise
+        self.books.keep(*seen, sent, shown_reference(goal, self.robot), self.state, self.pacer.ticks + 1)
         return getattr(self.state, "fault", None)
 
     def _seen(self, measurement: Any) -> tuple[float, np.ndarray, np.ndarray]:
         """t, q and v as the record shows them."""
         nq, nv = self.robot.nq, self.robot.nv
-        q, v = (_vector(getattr(measurement, n, None), size) for n, size in (("q", nq), ("v", nv)))
-        return _number(getattr(measurement, "t", None)), q, v
+        q, v = (shown_vector(getattr(measurement, n, None), size) for n, size in (("q", nq), ("v", nv)))
+        return shown_number(getattr(measurement, "t", None)), q, v
 
 
 def _driven(
@@ -287,6 +311,14 @@ def require_interface(interface: Any) -> None:
         )
 
 
+def _require_unset(stop: Any) -> None:
+    """Raises ArgumentError for what is no event, and for one that is set already."""
+    if stop is not None and not callable(getattr(stop, "is_set", None)):
+        raise ArgumentError(f"stop: expected a threading.Event or None, got {stop!r}")
+    if stop is not None and stop.is_set():
+        raise ArgumentError("stop: is set already, so nothing may move; clear it first: stop.clear()")
+
+
 def _require_reachable(robot: Robot, goal: GoalCourse) -> None:
     """Raises ArgumentError for what is no goal, for a set-point beyond the joint limits, or one that the
     effort limits cannot hold; a callable is left to the gate."""
@@ -316,26 +348,3 @@ def _warm_up(controller: BareController, shaping: Shaped | None, dt: float) -> A
     except EladaptError:
         return None  # it will be said where it matters, with the robot's own measurement
     return state.inner if shaping else state
-
-
-def _number(value: Any) -> float:
-    """What a record shows of a time stamp that may be anything."""
-    return float(value) if isinstance(value, int | float | np.number) else float("nan")
-
-
-def _reference(goal: Any, robot: Robot) -> Reference:
-    """What a record shows of a goal that may be anything."""
-    if not isinstance(goal, Reference):
-        return Reference(_vector(goal, robot.nq), robot.still, robot.still)
-    return Reference(
-        *(_vector(part, n) for part, n in zip(goal, (robot.nq, robot.nv, robot.nv), strict=True))
-    )
-
-
-def _vector(value: Any, size: int) -> np.ndarray:
-    """What a record shows of a vector that may be anything."""
-    try:
-        vector = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        return np.full(size, np.nan)
-    return vector if vector.shape == (size,) else np.full(size, np.nan)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import gc
+import math
+import operator
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +17,8 @@ import numpy as np
 from eladapt.errors import HardwareError, require_number
 
 SPIN = 2e-4  # [s] before it is due, sleeping ends: what Linux wakes late by is below this 99 % of the time
+MCL_CURRENT, MCL_ONFAULT = 1, 4  # of mlockall in Linux: what is there already, page by page as it is used
+EDGES = (50, 100, 200, 300, 400, 500, 700, 1000, 2000, 5000)  # [us] between the bars of a histogram
 BLOCKED = 0.1  # of a period: a read that takes longer has waited for the robot
 
 
@@ -23,9 +28,11 @@ class Timing(NamedTuple):
     period: float
     ticks: int  # how many there were
     overruns: int  # whose work was not done when the next one was due
-    missed: int  # ticks that were left out because of that
+    missed: int  # ticks that were left out because of that; of a robot that keeps the clock, unread cycles
     work: tuple[float, float, float, float]  # from measurement to command: 50 %, 99 %, 99.9 %, largest
     late: tuple[float, float, float, float]  # from when a tick was due to its measurement: the same
+    work_counts: tuple[int, ...] = ()  # how many ticks there were with work below, between and above `EDGES`
+    late_counts: tuple[int, ...] = ()  # the same of late
 
     @property
     def overrun_share(self) -> float:
@@ -49,7 +56,7 @@ class Pacer:
     Each tick: `began` when the measurement is there, `wait` when the command is out. An overrun skips the
     ticks that it covers, so that nothing is caught up in a burst. A measurement that had to be waited for
     moves all ticks to come: the robot's clock leads. robot_keeps_clock: every measurement is waited for, so
-    a tick is due when it comes, and nothing else is waited for.
+    a tick is due when it comes, nothing else is waited for, and what was missed its time stamps say.
     """
 
     def __init__(self, period: float, capacity: int = 1024, *, robot_keeps_clock: bool = False):
@@ -63,11 +70,14 @@ class Pacer:
         """The first tick is due now."""
         self.due = time.monotonic()
 
-    def began(self, waited: float) -> None:
-        """A measurement came, after ``waited`` [s] for it."""
+    def began(self, waited: float, passed: float = 0.0) -> None:
+        """A measurement came, after ``waited`` [s] for it, ``passed`` [s] after the last by the robot's
+        clock."""
         self._start = time.monotonic()
         if self.robot_keeps_clock:
             self.due = self._start
+            if self.period < passed < math.inf:
+                self.missed += round(passed / self.period) - 1
         elif waited > BLOCKED * self.period:
             self.due += waited
         if self.ticks < len(self._late):
@@ -81,10 +91,8 @@ class Pacer:
         self.ticks += 1
         self.due += self.period
         if now > self.due:
-            behind = int((now - self.due) / self.period)
             self.overruns += 1
-            self.missed += behind
-            self.due += behind * self.period
+            self._skip(int((now - self.due) / self.period))
             return
         if self.robot_keeps_clock:
             return
@@ -93,33 +101,65 @@ class Pacer:
         while time.monotonic() < self.due:
             pass
 
+    def _skip(self, ticks: int) -> None:
+        if not self.robot_keeps_clock:
+            self.missed += ticks
+            self.due += ticks * self.period
+
     def timing(self) -> Timing:
         """What there was so far."""
         count = min(self.ticks, len(self._work))
-        work, late = (_quantiles(values[:count]) for values in (self._work, self._late))
-        return Timing(self.period, self.ticks, self.overruns, self.missed, work, late)
+        work, late = self._work[:count], self._late[:count]
+        return Timing(
+            self.period, self.ticks, self.overruns, self.missed, _quantiles(work), _quantiles(late),
+            _counts(work), _counts(late),
+        )  # fmt: skip
 
 
 @contextlib.contextmanager
-def undisturbed(priority: int | None = None) -> Iterator[None]:
-    """No garbage collection inside, and the real-time ``priority`` (1 to 99, Linux) if one is given.
+def undisturbed(priority: int | None = None, cpus: Collection[int] | None = None) -> Iterator[None]:
+    """No garbage collection inside; of what is given, the real-time ``priority`` (1 to 99, Linux), with the
+    memory kept from the disk as far as that is permitted, and the ``cpus`` that alone are used.
 
-    Raises HardwareError where that is not permitted.
+    `eladapt doctor` says what there is. Both hold for the thread that asks. Raises HardwareError where it is
+    not permitted.
     """
-    collecting, before = gc.isenabled(), None
-    if priority is not None:
-        before = _scheduled(priority)
-    gc.collect()
-    gc.freeze()  # what is there already is not looked at again
-    gc.disable()
-    try:
+    with contextlib.ExitStack() as undone:
+        if cpus is not None:
+            undone.callback(os.sched_setaffinity, 0, _bound(cpus))
+        if priority is not None:
+            undone.callback(os.sched_setscheduler, 0, *_scheduled(priority))
+            undone.callback(_kept_in_memory())
+        if gc.isenabled():
+            undone.callback(gc.enable)
+        gc.collect()
+        gc.freeze()  # what is there already is not looked at again
+        undone.callback(gc.unfreeze)
+        gc.disable()
         yield
-    finally:
-        gc.unfreeze()
-        if collecting:
-            gc.enable()
-        if before is not None:
-            os.sched_setscheduler(0, *before)
+
+
+def _bound(cpus: Collection[int]) -> set[int]:
+    """Use these processors alone; returns those before."""
+    if not hasattr(os, "sched_setaffinity"):
+        raise HardwareError("cpus: this system does not bind threads to processors; leave it out")
+    before = os.sched_getaffinity(0)
+    legal = ", ".join(map(str, sorted(before)))
+    try:
+        wanted = {operator.index(cpu) for cpu in cpus}
+    except TypeError as reason:
+        raise HardwareError(f"cpus: expected numbers out of {legal}, got {cpus!r}") from reason
+    if not wanted or not wanted <= before:
+        raise HardwareError(f"cpus: expected some of {legal}, got {sorted(wanted)}")
+    os.sched_setaffinity(0, wanted)
+    return before
+
+
+def _kept_in_memory() -> Callable[[], object]:
+    """Keep what is in memory there, as far as RLIMIT_MEMLOCK permits; returns what ends that."""
+    library = ctypes.CDLL(None)
+    library.mlockall(MCL_CURRENT | MCL_ONFAULT)
+    return library.munlockall
 
 
 def _scheduled(priority: int) -> tuple[int, os.sched_param]:
@@ -142,3 +182,9 @@ def _quantiles(values: np.ndarray) -> tuple[float, float, float, float]:
         return (0.0, 0.0, 0.0, 0.0)
     half, most, nearly, largest = (float(q) for q in np.quantile(values, (0.5, 0.99, 0.999, 1.0)))
     return half, most, nearly, largest
+
+
+def _counts(values: np.ndarray) -> tuple[int, ...]:
+    """How many values [s] are below, between and above `EDGES`."""
+    bars = np.searchsorted(EDGES, 1e6 * values, side="right")
+    return tuple(np.bincount(bars, minlength=len(EDGES) + 1).tolist())

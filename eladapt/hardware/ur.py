@@ -1,8 +1,7 @@
 """A Universal Robots arm over RTDE, by ur-rtde (extra ``ur``), with direct torque at 500 Hz.
 
 The firmware adds gravity for the load that it was told, and can compensate friction, which is left to the
-controller here. It needs PolyScope 5.23 or 10.10. Tried against an object of the same face, not yet against a
-real arm.
+controller here. It needs PolyScope 5.23 or 10.10. Tried against `URStandIn`, not yet against a real arm.
 """
 
 from __future__ import annotations
@@ -10,12 +9,16 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import importlib
+import operator
+import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from eladapt.errors import HardwareError, needing, require_number, require_vector
+from eladapt.errors import ArgumentError, HardwareError, needing, require_number, require_vector
 from eladapt.hardware.makers import in_time, require_joints
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement
@@ -26,6 +29,7 @@ FREQUENCY = 500.0  # [Hz]
 NO_FRICTION = [0.0] * JOINTS  # compensated by the firmware: it is learned
 DECELERATION = 2.0  # [rad/s^2] with which the arm stops
 LONGEST_WAIT = 0.1  # [s] for a new sample
+NAP = 1e-4  # [s] between two looks whether there is one
 RUNNING = 7  # robot mode
 MODES = {
     -1: "no controller", 0: "disconnected", 1: "confirm safety", 2: "booting", 3: "power off", 4: "power on",
@@ -39,7 +43,11 @@ class URRobot:
     address: of the robot. robot: what the controller knows of it; its joints are the arm's six. load: that
     the firmware is told, (mass [kg], centre (3,) [m] in the robot's tool frame), None to leave it as it is.
     gravity: what the firmware adds, q (6,) -> (6,) [N m]; None takes the robot's own model and that load.
-    Where that is not what the firmware adds, the controller learns the difference as gravity.
+    Where that is not what the firmware adds, the controller learns the difference as gravity. delay:
+    [periods] from a command to the torque that it makes, one by assumption: what acts is told accordingly, so
+    that `commission` finds it; the controller has to be told it, too. recover: whether a protective stop from
+    before is unlocked at the start. library: who has the classes RTDEReceiveInterface, RTDEControlInterface
+    and DashboardClient, as a `URStandIn`; None: ur-rtde.
 
     Stops and modes of the robot are HardwareErrors that name them. Raises ArgumentError for another number of
     joints.
@@ -55,18 +63,23 @@ class URRobot:
         *,
         load: tuple[float, Sequence[float]] | None = None,
         gravity: Callable[[np.ndarray], np.ndarray] | None = None,
+        delay: int = 1,
+        recover: bool = False,
+        library: Any = None,
     ):
         require_joints(robot, JOINTS, "UR")
-        self.address, self.robot = address, robot
+        self.address, self.robot, self.recover, self.library = address, robot, recover, library
         self.load: tuple[float, list[float]] | None = None
         if load is not None:
             mass = require_number("load: mass", load[0], 0, np.inf, closed=True)
             self.load = (mass, require_vector("load: centre", load[1], 3).tolist())
-        self._gravity = gravity or _gravity_of(robot, self.load)
+        self._gravity = gravity or loaded_gravity(robot, self.load)
         self._control: Any = None
         self._receive: Any = None
+        self.delay = _periods(delay)
         self._t = -np.inf
-        self._added, self._sent = np.zeros(JOINTS), np.zeros(JOINTS)
+        self._added = np.zeros(JOINTS)
+        self._sent: deque[tuple[float, np.ndarray]] = deque()  # with the time of the sample that was answered
 
     def __repr__(self) -> str:
         return f"URRobot({self.address!r}, {self.robot.name!r})"
@@ -75,42 +88,51 @@ class URRobot:
         """Reach the robot and tell it the load; `start` does it too."""
         if self._control is not None:
             return
-        receive, control = _library("rtde_receive"), _library("rtde_control")
+        library = self.library or ur_rtde()
         said = f"{self.address} does not answer; is that the robot, and is it in remote control?"
         self._receive = in_time(
-            lambda: receive.RTDEReceiveInterface(self.address, FREQUENCY), said, (RuntimeError,)
+            lambda: library.RTDEReceiveInterface(self.address, FREQUENCY), said, (RuntimeError,)
         )
+        if self.recover and self._receive.isProtectiveStopped():
+            dashboard = library.DashboardClient(self.address)
+            stays = f"{self.address}: the protective stop stays"
+            in_time(lambda: self._unlock(dashboard), stays, (RuntimeError,))
         self._require_ready()
         self._control = in_time(
-            lambda: control.RTDEControlInterface(self.address, FREQUENCY), said, (RuntimeError,)
+            lambda: library.RTDEControlInterface(self.address, FREQUENCY), said, (RuntimeError,)
         )
         if self.load is not None and not self._control.setPayload(*self.load):
             raise HardwareError(f"{self.address}: the robot refused the load {self.load}")
+
+    def posture(self) -> np.ndarray:
+        """(6,) [rad] where the arm is, before it starts."""
+        self.connect()
+        return np.array(self._receive.getActualQ())
 
     def start(self) -> None:
         """Begin to follow torques: what holds the arm, first."""
         self.connect()
         self._require_ready()
-        self._t, self._sent = -np.inf, np.zeros(JOINTS)
-        self._torque(self._sent)
+        self._t = -np.inf
+        self._sent.clear()
+        self._torque(np.zeros(JOINTS))
 
     def read(self) -> Measurement:
         """Wait for the next sample."""
         if self._control is None:
             raise HardwareError(f"{self.address}: not started, or stopped")
-        for _ in range(round(LONGEST_WAIT * FREQUENCY)):
-            if (t := self._receive.getTimestamp()) > self._t:
-                break
-            self._control.waitPeriod(self._control.initPeriod())
-        else:
-            raise HardwareError(
-                f"{self.address}: no new sample for {LONGEST_WAIT:g} s; the connection is lost"
-            )
+        until = time.monotonic() + LONGEST_WAIT
+        while (t := self._receive.getTimestamp()) <= self._t:
+            if time.monotonic() > until:
+                raise HardwareError(
+                    f"{self.address}: no new sample for {LONGEST_WAIT:g} s; the connection is lost"
+                )
+            time.sleep(NAP)
         self._t = t
         self._require_ready()
         q, v = np.array(self._receive.getActualQ()), np.array(self._receive.getActualQd())
         self._added = np.asarray(self._gravity(q), dtype=float)
-        return Measurement(t, self.robot.configuration(q), v, self._sent + self._added)
+        return Measurement(t, self.robot.configuration(q), v, self._acting() + self._added)
 
     def write(self, tau: np.ndarray) -> None:
         """Command tau (6,) [N m], less what the firmware adds."""
@@ -135,7 +157,23 @@ class URRobot:
                 f"{self.address}: the robot refused a torque; it needs PolyScope 5.23 or 10.10, and to be in "
                 "remote control"
             )
-        self._sent = sent
+        self._sent.append((self._t, sent))
+
+    def _acting(self) -> np.ndarray:
+        """(6,) [N m] of what was sent, the newest that is old enough to have acted over the last period."""
+        old = self._t - (self.delay + 0.5) / FREQUENCY
+        while len(self._sent) > 1 and self._sent[1][0] < old:
+            self._sent.popleft()
+        return self._sent[0][1]
+
+    def _unlock(self, dashboard: Any) -> None:
+        """End a protective stop, as at the pendant; the robot refuses that for some seconds after it."""
+        dashboard.connect()
+        dashboard.closeSafetyPopup()
+        dashboard.unlockProtectiveStop()
+        dashboard.disconnect()
+        while self._receive.isProtectiveStopped():  # until the next sample says so
+            time.sleep(NAP)
 
     def _require_ready(self) -> None:
         """Raises HardwareError for a robot that has stopped, and what to do."""
@@ -148,14 +186,34 @@ class URRobot:
             raise HardwareError(f"{self.address}: in mode {named!r}; power the arm on and release its brakes")
 
 
-def _gravity_of(robot: Robot, load: tuple[float, list[float]] | None) -> Callable[[np.ndarray], np.ndarray]:
-    """The gravity [N m] of the robot's own model, with a load at its tool."""
+def _periods(delay: Any) -> int:
+    try:
+        periods = operator.index(delay)
+    except TypeError:
+        periods = -1
+    if periods < 0:
+        raise ArgumentError(f"delay: expected a number of periods, 0 or more, got {delay!r}")
+    return periods
+
+
+def loaded_gravity(
+    robot: Robot, load: tuple[float, Sequence[float]] | None
+) -> Callable[[np.ndarray], np.ndarray]:
+    """q (6,) -> (6,) [N m], the gravity of the robot's own model with a load (mass [kg], centre (3,) [m]) at
+    its tool."""
     if load is None or not load[0]:
         return robot.gravity
     mass, (x, y, z) = load
     return dataclasses.replace(robot, model=Payload(mass, (x, y, z)).loaded(robot)).gravity
 
 
-def _library(name: str) -> Any:
+def ur_rtde() -> Any:
+    """The classes of ur-rtde. Raises HardwareError where it is not installed."""
     with needing("a UR robot needs ur-rtde", "ur", HardwareError):
-        return importlib.import_module(name)
+        receive, control, dashboard = map(
+            importlib.import_module, ("rtde_receive", "rtde_control", "dashboard_client")
+        )
+    return SimpleNamespace(
+        RTDEReceiveInterface=receive.RTDEReceiveInterface, RTDEControlInterface=control.RTDEControlInterface,
+        DashboardClient=dashboard.DashboardClient,
+    )  # fmt: skip

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import types
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from shared import load
 
 import eladapt as ea
-from eladapt.errors import LoopError, LoopTerminated
+from eladapt.errors import ArgumentError, LoopError, LoopTerminated
 from eladapt.hardware import interruption as module
 from eladapt.hardware.interruption import ASKING, Interruption
 from eladapt.hardware.loop import _driven
@@ -68,7 +69,8 @@ def made(at, **options):
     controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
     plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
     interface = Signalled(plant, at, **options)
-    return interface, lambda: ea.run_loop(controller, interface, robot.configuration(robot.target), 1.0, DT)
+    goal = robot.configuration(robot.target)
+    return interface, lambda **options: ea.run_loop(controller, interface, goal, 1.0, DT, **options)
 
 
 @pytest.fixture(autouse=True)
@@ -285,3 +287,33 @@ def test_what_a_signal_leaves_can_be_saved(tmp_path):
     again = pickle.loads(pickle.dumps(caught.value))
     assert (again.code, again.signal, again.timing) == (143, TERM, caught.value.timing)
     assert np.array_equal(back.tau, caught.value.record.tau)
+
+
+def test_another_thread_stops_the_arm():
+    """In the midst of a move: the robot is stopped once, the record kept, and one line says so."""
+    interface, run = made({})
+    stop = threading.Event()
+    results = []
+    thread = threading.Thread(target=lambda: results.append(run(stop=stop)))
+    thread.start()
+    while interface.counts["write"] < 20:
+        time.sleep(1e-3)
+    stop.set()
+    thread.join(10)
+    (result,) = results
+    assert result.ended == "stopped"
+    assert interface.stopped
+    assert interface.counts["stop"] == 1
+    assert 20 <= len(result.record) == interface.counts["write"] < 100
+    assert str(result) == f"the loop stopped by its caller, after {len(result.record)} ticks"
+
+
+def test_what_does_not_stop_an_arm_is_refused_before_it_moves():
+    interface, run = made({})
+    stop = threading.Event()
+    stop.set()
+    with pytest.raises(ArgumentError, match="stop: is set already"):
+        run(stop=stop)
+    with pytest.raises(ArgumentError, match=r"stop: expected a threading\.Event or None, got True"):
+        run(stop=True)
+    assert interface.counts["start"] == 0
