@@ -98,7 +98,7 @@ class Identified:
         physical parameters.
         """
         path = Path(path)
-        text = edited_urdf(self.original.path, self.robot.edits or Edits())
+        text = edited_urdf(self.original.path, self.robot.edits or Edits(), self.original.text)
         with atomic_write(path) as temporary:
             temporary.write_bytes(text)
         return path
