@@ -56,6 +56,14 @@ class PayloadEstimate(NamedTuple):
         """Whether a load in this frame explains all of the change but ``NO_LOAD``."""
         return self.misfit < NO_LOAD
 
+    def _repr_html_(self) -> str:
+        from eladapt.display import inline
+
+        return inline.payload(self)
+
+    def __repr__(self) -> str:
+        return f"PayloadEstimate({self})"
+
     def __str__(self) -> str:
         com = ", ".join(f"{c:.4g} +- {s:.2g}" for c, s in zip(self.com, self.com_std, strict=True))
         unknown = f"; not identified: {', '.join(self.unidentified)}" if self.unidentified else ""
