@@ -1,6 +1,7 @@
 """eladapt: composite adaptive finite-time control for any robot with a URDF."""
 
 import importlib
+import importlib.metadata
 from typing import TYPE_CHECKING, Any
 
 from eladapt import paper
@@ -49,6 +50,7 @@ from eladapt.theory.certificates import certify, settling_bounds
 from eladapt.theory.lyapunov import LyapunovFunctions
 
 if TYPE_CHECKING:
+    __version__: str
     from eladapt.display.motions import plot_log, plot_motion
     from eladapt.display.plots import plot
     from eladapt.display.report import report
@@ -161,6 +163,8 @@ _LATER = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.metadata.version("eladapt")
     if name in _LATER:
         return getattr(importlib.import_module(_LATER[name]), name)
     raise AttributeError(f"module 'eladapt' has no attribute {name!r}")
