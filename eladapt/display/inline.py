@@ -67,7 +67,11 @@ def payload(load: PayloadEstimate) -> str:
     names = ("mass [kg]", "x [m]", "y [m]", "z [m]")
     values, deviations = [load.mass, *load.com], [load.mass_std, *load.com_std]
     rows = [
-        [name, f"{value:.4g}" if np.isfinite(value) else "not told", f"{std:.2g}"]
+        [
+            name,
+            f"{value:.4g}" if np.isfinite(value) else "not told",
+            "unknown" if np.isnan(std) else f"{std:.2g}",
+        ]
         for name, value, std in zip(names, values, deviations, strict=True)
     ]
     said = [f"not identified: {', '.join(load.unidentified)}"] if load.unidentified else []

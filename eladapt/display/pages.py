@@ -21,7 +21,8 @@ with needing("a report needs Bokeh", "report"):
     from bokeh.resources import INLINE
 
 TEMPLATE = (
-    '{% block preamble %}<meta http-equiv="Content-Security-Policy" content="'
+    '{% block preamble %}<meta name="viewport" content="width=device-width">'
+    '<meta http-equiv="Content-Security-Policy" content="'
     + POLICY
     + '"><style>body { margin: 14px }</style>{% endblock %}'
 )

@@ -20,8 +20,9 @@ from eladapt.theory.meaning import meaning
 
 STYLE = """
 :host { font: 14px/1.5 sans-serif; color: #223 }
-h2 { font-size: 17px; margin: 14px 0 6px } p { margin: 6px 0; max-width: 62em }
-table { border-collapse: collapse; margin: 6px 0 14px } td, th { padding: 3px 14px 3px 0; vertical-align: top;
+h2 { font-size: 17px; margin: 14px 0 6px } p { margin: 6px 0; max-width: min(62em, 94vw) }
+table { border-collapse: collapse; margin: 6px 0 14px; display: block; overflow-x: auto;
+max-width: 94vw } td, th { padding: 3px 14px 3px 0; vertical-align: top;
 text-align: left; border-bottom: 1px solid #dde2e7; max-width: 44em; overflow-wrap: break-word }
 th { font-weight: 600; border-bottom: 2px solid #9aa4ae } td.number, th.number { text-align: right;
 font-variant-numeric: tabular-nums; white-space: nowrap } .no { font-weight: 600; color: #a3320b }
