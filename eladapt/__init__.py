@@ -4,6 +4,15 @@ The public names and where they come from are in ``__init__.pyi``, which type ch
 when it is asked for: a control loop on a robot's computer draws nothing, and the import takes milliseconds.
 """
 
+import importlib.metadata
+from typing import Any
+
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.metadata.version("eladapt")
+    return _named(name)

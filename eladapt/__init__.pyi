@@ -83,3 +83,5 @@ from .theory.certificates import settling_bounds as settling_bounds
 from .theory.lyapunov import LyapunovFunctions as LyapunovFunctions
 from .viewing.live import LiveView as LiveView
 from .viewing.viewer import view as view
+
+__version__: str

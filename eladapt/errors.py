@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
+import importlib.metadata
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 DOUBLE = np.dtype(float)
+EXTRA = r"extra\s*==\s*['\"]{}['\"]"  # in a requirement of the package's metadata
 
 
 def printable(text: str) -> str:
@@ -56,7 +60,19 @@ def needing(what: str, extra: str, error: type[EladaptError] = EladaptError) -> 
     try:
         yield
     except ImportError as reason:
-        raise error(f'{what}, which is not installed ({reason}): pip install "eladapt[{extra}]"') from reason
+        raise error(f"{what}, which is not installed ({reason}): {installing(extra)}") from reason
+
+
+def installing(extra: str) -> str:
+    """The command that installs what an extra of eladapt names, wherever eladapt itself came from."""
+    try:
+        listed = importlib.metadata.requires("eladapt") or []
+    except importlib.metadata.PackageNotFoundError:  # run from a folder, without being installed
+        listed = []
+    wanted = [line.partition(";")[0].strip() for line in listed if re.search(EXTRA.format(extra), line)]
+    if not wanted:
+        return f"it comes with the extra {extra} of eladapt"
+    return "pip install " + " ".join(f'"{requirement}"' for requirement in wanted)
 
 
 class ArgumentError(EladaptError, ValueError):
@@ -64,15 +80,26 @@ class ArgumentError(EladaptError, ValueError):
 
 
 class UnknownNameError(EladaptError, LookupError):
-    """A name that does not exist; the message lists the legal ones."""
+    """A name that does not exist; the message lists the legal ones, and one that may be meant.
 
-    def __init__(self, kind: str, names: Sequence[str], legal: Sequence[str]):
-        self.kind, self.names, self.legal = kind, tuple(names), tuple(legal)
+    remedy: what to do where the name is right and the list is not.
+    """
+
+    def __init__(self, kind: str, names: Sequence[str], legal: Sequence[str], remedy: str = ""):
+        self.kind, self.names, self.legal, self.remedy = kind, tuple(names), tuple(legal), remedy
         given = ", ".join(repr(name) for name in names)
-        super().__init__(f"unknown {kind} {given}; legal names: {', '.join(legal) or '(none)'}")
+        said = f"unknown {kind} {given}{did_you_mean(names, legal)}; legal names: "
+        super().__init__(said + (", ".join(legal) or "(none)") + (f". {remedy}" if remedy else ""))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.kind, self.names, self.legal)  # as pickled between processes
+        return type(self), (self.kind, self.names, self.legal, self.remedy)  # as pickled between processes
+
+
+def did_you_mean(names: Iterable[str], legal: Iterable[str]) -> str:
+    """ " (did you mean 'panda'?)" for names that are nearly legal ones; "" where none is."""
+    known = list(legal)
+    near = [found[0] for name in names if (found := difflib.get_close_matches(str(name), known, 1))]
+    return f" (did you mean {', '.join(map(repr, dict.fromkeys(near)))}?)" if near else ""
 
 
 class Finding(NamedTuple):
@@ -125,6 +152,10 @@ class LogError(EladaptError):
     """A file that is not a readable log."""
 
 
+class UnphysicalError(EladaptError):
+    """Parameters that no bodies can have, nor any near them."""
+
+
 class MeshError(EladaptError):
     """A mesh that is not read: foreign, too large or broken."""
 
@@ -156,6 +187,21 @@ class LoopTerminated(SystemExit):
     def __reduce__(self) -> tuple[Any, ...]:
         kept = (self.signal, self.record, self.state, self.timing)
         return type(self), kept  # as pickled between processes
+
+
+class RunInterrupted(KeyboardInterrupt):
+    """Ctrl-C ended a simulated run; ``record`` holds all that happened until then.
+
+    Who catches KeyboardInterrupt catches it too. It is no `EladaptError`, so that who catches those and goes
+    on with the next run does stop.
+    """
+
+    def __init__(self, record: Any):
+        self.record = record
+        super().__init__(f"interrupted after {len(record)} samples; the exception's record has them")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.record,)  # as pickled between processes
 
 
 class StateError(EladaptError):

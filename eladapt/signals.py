@@ -79,3 +79,7 @@ class MixedRegression(NamedTuple):
 
     Y: np.ndarray  # (k,)
     gain: float | np.ndarray  # Delta, or Phi (k, k), symmetric; of least squares with eigenvalues in [0, 1)
+
+    def __repr__(self) -> str:
+        gain = f"gain {self.gain:.6g}" if np.ndim(self.gain) == 0 else f"gain of shape {np.shape(self.gain)}"
+        return f"MixedRegression({len(self.Y)} equations, {gain})"

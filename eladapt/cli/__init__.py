@@ -2,21 +2,24 @@
 
 Every error is one line on stderr that starts with ``error:``, and an exit code other than 0: 1 for what is
 wrong with a robot, a file or a run, 2 for what is wrong with the command itself. A run that a fault of the
-torque gate ended is no error: it is written and summed up, and exits with 3.
+torque gate ended is no error: it is written and summed up, and exits with 3. With --json what was found goes
+to stdout, for programs; with --quiet nothing does.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.metadata
+import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from eladapt.cli.saying import say
-from eladapt.errors import EladaptError, UrdfError
+from eladapt.cli.saying import Outcome, as_json, say, say_table, warn
+from eladapt.errors import EladaptError, UrdfError, did_you_mean
 
 EXAMPLES = """examples:
   eladapt robots
@@ -35,14 +38,34 @@ class _Parser(argparse.ArgumentParser):
         say(f"error: {message} (see: {self.prog} --help)", file=sys.stderr)
         sys.exit(2)
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            legal = list(map(str, action.choices))
+            said = f"invalid choice: {value!r}{did_you_mean([value], legal)} (choose from {', '.join(legal)})"
+            raise argparse.ArgumentError(action, said)
+
+    def unrecognized(self, arguments: Sequence[str]) -> NoReturn:
+        """Says which options there are that may be meant."""
+        legal = [option for action in self._actions for option in action.option_strings]
+        meant = did_you_mean([given.partition("=")[0] for given in arguments if given[:1] == "-"], legal)
+        self.error(f"unrecognized arguments: {' '.join(arguments)}{meant}")
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit code is returned, or raised as SystemExit by --help and by the parser."""
-    options = _parser().parse_args(arguments)
+    options, rest = _parser().parse_known_args(arguments)
+    if rest:
+        options.parser.unrecognized(rest)
+    options.quiet |= options.json
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _warn
-            return int(options.command(options) or 0)
+            with _muted(options.quiet):
+                outcome = options.command(options)
+        outcome = outcome if isinstance(outcome, Outcome) else Outcome(None, outcome or 0)
+        if options.json:
+            say_table(as_json(outcome.found))
+        return outcome.code
     except KeyboardInterrupt:
         say("error: interrupted", file=sys.stderr)
         return 130
@@ -67,11 +90,21 @@ def _fail(message: str) -> int:
 
 def _warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     if issubclass(category, UserWarning):  # what a library is to leave behind some day is not the user's
-        say(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
+        warn(message)
+
+
+@contextlib.contextmanager
+def _muted(quiet: bool) -> Iterator[None]:
+    """Nothing goes to stdout meanwhile, if so wanted."""
+    if not quiet:
+        yield
+        return
+    with open(os.devnull, "w", encoding="utf-8") as nothing, contextlib.redirect_stdout(nothing):
+        yield
 
 
 def _parser() -> _Parser:
-    from eladapt.cli import checking, doctor, identifying, running
+    from eladapt.cli import checking, completing, doctor, identifying, running
 
     parser = _Parser(
         prog="eladapt", epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -86,7 +119,10 @@ def _parser() -> _Parser:
             name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=f"example:\n  {example}",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )  # fmt: skip
-        added.set_defaults(command=function)
+        added.set_defaults(command=function, parser=added)
+        added.add_argument("--json", action="store_true", help="print what was found as JSON, for a program; "
+                           "null is what is infinite, unknown or never")  # fmt: skip
+        added.add_argument("--quiet", action="store_true", help="print warnings and errors alone")
         return added
 
     command("robots", checking.robots, "list the robots that come with eladapt", "eladapt robots")
@@ -170,7 +206,9 @@ def _parser() -> _Parser:
                           "or the robot's)")  # fmt: skip
     identify.add_argument("--gains", type=_numbers, nargs="+", metavar="K",
                           help="torque by current [N m/A], one a joint, of a log of currents")  # fmt: skip
-    identify.add_argument("--degrees", action="store_true", help="positions and velocities are in degrees")
+    identify.add_argument("--degrees", action="store_true",
+                          help="positions and velocities are in "
+                          "degrees (of joints that slide, in metres)")  # fmt: skip
     identify.add_argument("--held", action="store_true",
                           help="a torque acted over the whole step before its time, as commanded (default: "
                           "measured at that time)")  # fmt: skip
@@ -204,6 +242,15 @@ def _parser() -> _Parser:
         "say whether this computer has what eladapt needs, and how fast it is",
         "eladapt doctor",
     )
+
+    completion = command(
+        "completion", completing.completion,
+        "print what makes a shell complete this command, for a file that the shell reads",
+        "eladapt completion bash",
+    )  # fmt: skip
+    completion.add_argument("shell", choices=completing.SHELLS, metavar="SHELL",
+                            help=f"one of {', '.join(completing.SHELLS)}")  # fmt: skip
+    completion.set_defaults(whole=parser)
     return parser
 
 

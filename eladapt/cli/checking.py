@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eladapt.cli.saying import say, say_table
+from eladapt.cli.saying import Outcome, say, say_table, warn
 from eladapt.errors import ArgumentError, EladaptError, UrdfError, require_number
 from eladapt.gains.derived import derive_gains
 from eladapt.gains.extremes import effort, extremes
@@ -17,10 +17,12 @@ from eladapt.robot.model import Robot
 from eladapt.urdf.weighing import require_density
 
 
-def robots(_options: argparse.Namespace) -> None:
+def robots(_options: argparse.Namespace) -> Outcome:
     """One line a robot."""
-    for name in library.robots():
-        say(f"{name:16} {library.entry(name).description}")
+    described = {name: library.entry(name).description for name in library.robots()}
+    for name, description in described.items():
+        say(f"{name:16} {description}")
+    return Outcome(described)
 
 
 def find(options: argparse.Namespace) -> Robot:
@@ -41,7 +43,7 @@ def find(options: argparse.Namespace) -> Robot:
     return Robot.from_urdf(given, options.package_dir, options.lock, mend=options.mend, density=density)
 
 
-def check(options: argparse.Namespace) -> None:
+def check(options: argparse.Namespace) -> Outcome:
     """All that can be said before a motor is on. Raises EladaptError where the arm cannot be controlled."""
     dt = require_number("--dt", options.dt, 0)
     try:
@@ -62,17 +64,28 @@ def check(options: argparse.Namespace) -> None:
     say(f"base parameters: {len(regressors)} of {10 * robot.nv} standard ones, "
           f"{regressors.n_potential} of gravity; "
           f"the singular values drop {regressors.rank_gap:.0e}-fold behind the last")  # fmt: skip
-    _limits(robot)
+    assumed = effort(robot, extremes(robot))
+    _limits(robot, assumed)
     _drawable(robot)
     try:
         gains = derive_gains(regressors, dt)
     except ArgumentError as reason:
         raise EladaptError(f"no gains at {1 / dt:g} Hz: {reason}") from reason
     say_table(f"\ngains exist at {1 / dt:g} Hz:\n{gains}")
+    columns = {
+        "name": robot.joint_names, "lower": robot.lower, "upper": robot.upper,
+        "velocity": robot.velocity_limit, "effort": robot.effort_limit, "effort_assumed": assumed,
+    }  # fmt: skip
+    return Outcome({
+        "robot": robot.name, "urdf": robot.path, "tool": robot.tool, "locked": robot.locked,
+        "joints": [dict(zip(columns, joint, strict=True)) for joint in zip(*columns.values(), strict=True)],
+        "base_parameters": regressors.names, "gravity_parameters": regressors.n_potential,
+        "rank_gap": regressors.rank_gap, "dt": dt,
+        "gains": {rule.gain: getattr(gains, rule.gain) for rule in gains.rules}, "rules": gains.rules,
+    })  # fmt: skip
 
 
-def _limits(robot: Robot) -> None:
-    assumed = effort(robot, extremes(robot))
+def _limits(robot: Robot, assumed: np.ndarray) -> None:
     wide = max(5, *map(len, robot.joint_names))
     say("")
     say(f"{'joint':{wide}} {'from':>8} {'to':>8} {'velocity':>9} {'effort':>8}")
@@ -93,4 +106,4 @@ def _drawable(robot: Robot) -> None:
     try:
         say(f"visual shapes: {len(visuals_of(robot))}")
     except EladaptError as reason:
-        say(f"warning: it can be controlled but not drawn: {' '.join(str(reason).split())}")
+        warn(f"it can be controlled but not drawn: {reason}")

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.cli.saying import say
-from eladapt.errors import EladaptError
+from eladapt.cli.saying import Outcome, say
+from eladapt.errors import EladaptError, installing
 
 NEEDED = (
     "numpy",
@@ -33,7 +33,12 @@ NEEDED = (
     "defusedxml",
     "tqdm",
 )
-WANTED = {"mujoco": "mujoco", "bokeh": "report", "pin-pink": "motion"}  # package: eladapt's extra
+WANTED = {
+    "mujoco": "mujoco",
+    "bokeh": "report",
+    "clarabel": "identify",
+    "pin-pink": "motion",
+}  # package: eladapt's extra
 WARM = 20  # steps that load or compile what they need
 STEPS, RATE = 400, 1e-3  # of the Panda's loop, and the step it has to keep [s]
 
@@ -45,14 +50,14 @@ class Finding(NamedTuple):
     text: str
 
 
-def doctor(_options: argparse.Namespace) -> int:
+def doctor(_options: argparse.Namespace) -> Outcome:
     """Print the findings; 1 if something that is needed is missing."""
-    grades = []
+    findings = []
     for part in (_python, _packages, _pinocchio, _robots, _loopback, _speed, _realtime):
         for finding in _safely(part):
             say(f"{finding.grade:4}  {finding.text}", flush=True)
-            grades.append(finding.grade)
-    return 1 if "FAIL" in grades else 0
+            findings.append(finding)
+    return Outcome(findings, 1 if any(finding.grade == "FAIL" for finding in findings) else 0)
 
 
 def _safely(part: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
@@ -78,7 +83,7 @@ def _packages() -> Iterator[Finding]:
         )
     for name, extra in WANTED.items():
         version = _version(name)
-        missing = f'{name} is not installed: pip install "eladapt[{extra}]"'
+        missing = f"{name} is not installed: {installing(extra)}"
         yield Finding("ok", f"{name} {version}") if version else Finding("note", missing)
 
 

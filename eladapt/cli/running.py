@@ -5,21 +5,27 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eladapt.cli.checking import find
-from eladapt.cli.saying import say, say_table
+from eladapt.cli.saying import Outcome, say, say_table, warn
 from eladapt.control.composite import CompositeController
 from eladapt.control.reports import carried, friction
-from eladapt.errors import ArgumentError, EladaptError, SimulationError, require_number, require_vector
+from eladapt.errors import (
+    ArgumentError,
+    EladaptError,
+    RunInterrupted,
+    SimulationError,
+    require_number,
+    require_vector,
+)
 from eladapt.files import file_name
 from eladapt.motion.motions import move
 from eladapt.motion.shaped import Shaped
-from eladapt.records.record import Record
+from eladapt.records.record import LAST, Record
 from eladapt.records.recorder import LONGEST
 from eladapt.robot.model import Robot
 from eladapt.robot.postures import require_holdable, require_within, unholdable
@@ -29,13 +35,16 @@ from eladapt.simulation.plants import PinocchioPlant
 from eladapt.simulation.run import simulate
 from eladapt.theory.certificates import certify
 
+INTERRUPTED = 130  # the exit code of a run that Ctrl-C ended
 SHORTEST, REST = 4.0, 1.5  # [s] of a run whose duration is not given: at least, and after the planned move
 FAULTY = 3  # the exit code of a run that the torque gate ended
 NEAR = 0.5  # [rad] from home, where a robot has no goal of its own
 
 
-def run(options: argparse.Namespace) -> int:
-    """Simulate, print how it went, and write record, plot and report; returns the exit code."""
+def run(options: argparse.Namespace) -> Outcome:
+    """Simulate, write record, plot and report, and print how it went."""
+    if options.quiet and (options.live or options.view):
+        raise ArgumentError("--live, --view: expected without --quiet and --json, which hide their address")
     robot = find(options)
     goal = _posture(robot, "--goal", options.goal, _own_goal(robot))
     start = _posture(robot, "--start", options.start, robot.home)
@@ -73,26 +82,37 @@ def run(options: argparse.Namespace) -> int:
                 theta0=options.theta0,
                 title=title,
                 observer=live,
-                progress=sys.stderr.isatty(),
+                progress=not options.quiet,
             )
         except SimulationError as reason:
             failure, record = reason, reason.record
+        except RunInterrupted as reason:
+            return _interrupted(reason.record, options.out)
     record = dataclasses.replace(record, final_state=_inner(record.final_state))
     if failure is None and not options.no_certificates:
         record = _certified(record, controller, dt)
     written = _write(record, options.out)
     if failure is not None:
-        raise EladaptError(f"{failure}; what happened until then is in {written[0]}") from failure
-    _say(record, controller)
-    say(f"wrote {', '.join(map(str, written))}")
+        raise EladaptError(f"{failure}; what happened until then is in {written['record']}") from failure
+    found = _say(record, controller)
+    say(f"wrote {', '.join(map(str, written.values()))}")
     if options.view:
         from eladapt.viewing.viewer import view
 
         view(record).wait()
-    return FAULTY if record.faults else 0
+    return Outcome({**found, "written": written}, FAULTY if record.faults else 0)
 
 
-def report(options: argparse.Namespace) -> None:
+def _interrupted(record: Record, folder: Path) -> Outcome:
+    """Keeps the record alone: who pressed Ctrl-C does not want to wait for a report."""
+    path = record.save(f"{_stem(record, folder)}.npz")
+    warn(
+        f"interrupted at {record.t[-1]:.3g} s; what happened until then is in {path} (eladapt report {path})"
+    )
+    return Outcome({"written": {"record": path}}, INTERRUPTED)
+
+
+def report(options: argparse.Namespace) -> Outcome:
     """Write the page. Raises RecordError for a file that is no record."""
     from eladapt.display.report import report as write
 
@@ -100,7 +120,9 @@ def report(options: argparse.Namespace) -> None:
     out = options.out or options.records[0].with_suffix(".html")
     if out.exists() and out.is_dir():
         raise ArgumentError(f"--out: expected the name of a page, got the folder {out}")
-    say(f"wrote {write(records, out, labels=options.label, animation=not options.no_animation)}")
+    page = write(records, out, labels=options.label, animation=not options.no_animation)
+    say(f"wrote {page}")
+    return Outcome({"written": {"report": page}})
 
 
 def _plant(robot: Robot, start: np.ndarray, options: argparse.Namespace) -> Any:
@@ -131,10 +153,7 @@ def _say_too_heavy(robot: Robot, load: Payload | None, goal: np.ndarray) -> None
     if load is None:
         return
     if said := unholdable(dataclasses.replace(robot, model=load.loaded(robot)), goal):
-        say(
-            f"warning: --payload: {load.mass:g} kg are too heavy for this arm at its goal: {said}",
-            file=sys.stderr,
-        )
+        warn(f"--payload: {load.mass:g} kg are too heavy for this arm at its goal: {said}")
 
 
 def _posture(robot: Robot, name: str, given: list[list[float]] | None, otherwise: np.ndarray) -> np.ndarray:
@@ -172,28 +191,44 @@ def _certified(record: Record, controller: CompositeController, dt: float) -> Re
     return dataclasses.replace(record, configuration=kept)
 
 
-def _write(record: Record, folder: Path) -> list[Path]:
-    """Record and plot, and the report where Bokeh is installed."""
+def _stem(record: Record, folder: Path) -> Path:
+    """Where the files of a record go, without what their names end in."""
+    return folder / file_name(record.robot_source.get("load") or record.robot_source["name"], "robot")
+
+
+def _write(record: Record, folder: Path) -> dict[str, Path]:
+    """Record and plot, and the report where Bokeh is installed, by what they are."""
     from eladapt.display.plots import plot
 
-    stem = file_name(record.robot_source.get("load") or record.robot_source["name"], "robot")
-    written = [record.save(folder / f"{stem}.npz")]
-    plot(record, folder / f"{stem}.png")
-    written.append(folder / f"{stem}.png")
+    stem = _stem(record, folder)
+    written = {"record": record.save(f"{stem}.npz"), "plot": Path(f"{stem}.png")}
+    plot(record, written["plot"])
     try:
         from eladapt.display.report import report as write
     except EladaptError as reason:
-        say(f"warning: {reason}")
+        warn(reason)
     else:
-        written.append(write(record, folder / f"{stem}.html"))
+        written["report"] = write(record, f"{stem}.html")
     return written
 
 
-def _say(record: Record, controller: CompositeController) -> None:
+def _say(record: Record, controller: CompositeController) -> dict[str, Any]:
+    """How the run went, in words; returned for --json."""
     m = record.metrics()
-    say(f"every joint below 1e-3 rad after {m.settling_time:.2f} s" if np.isfinite(m.settling_time)
-          else f"not settled below 1e-3 rad after {record.t[-1]:g} s")  # fmt: skip
-    say(f"steady error {m.steady_error:.1e} rad, torque ripple at rest {m.chatter:.1e} N m")
+    found: dict[str, Any] = {"robot": record.title, "metrics": m}
+    if m.arrived:
+        say(f"every joint below 1e-3 rad after {m.settling_time:.2f} s")
+        say(f"steady error {m.steady_error:.1e} rad, torque ripple at rest {m.chatter:.1e} N m")
+    else:
+        say(f"not settled below 1e-3 rad after {record.t[-1]:g} s, errors of up to {m.steady_error:.1e} rad "
+            f"in the last {min(LAST, record.t[-1]):.3g} s")  # fmt: skip
+    for said in m.warnings:
+        warn(said)
+    for certificate in record.configuration.get("certificates", ()):
+        failed = sum(not row["holds"] for row in certificate["rows"])
+        said = f"{failed} do not hold; the report says what that means" if failed else "all hold"
+        say(f"conditions of the proofs: {len(certificate['rows'])}, {said}")
+        found["certificate"] = certificate
     say(f"largest speed: {m.speed_said}")
     say(f"joint range: {m.range_said}")
     say(f"fault: {m.faults_said}")
@@ -201,5 +236,8 @@ def _say(record: Record, controller: CompositeController) -> None:
         load = carried(controller, record.final_state)
         said = f"{load.mass:.4g} kg" if np.isfinite(load.mass) else "not known, this motion does not tell it"
         say(f"load, as estimated: {said}")
+        found["load"] = load
     if controller.regressors.n_friction:
-        say_table(friction(controller, record.final_state))
+        found["friction"] = friction(controller, record.final_state)
+        say_table(found["friction"])
+    return found

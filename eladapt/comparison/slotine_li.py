@@ -36,6 +36,9 @@ class SlotineLiState(NamedTuple):
     information: Any
     excited: Information  # of (502)
 
+    def __repr__(self) -> str:
+        return f"SlotineLiState(t = {self.measurement.t:.6g} s, {len(self.theta)} parameters)"
+
     @property
     def level(self) -> float:
         """Smallest eigenvalue of the integral of Omega'Omega so far (502)."""
@@ -75,6 +78,9 @@ class SlotineLi(LearnsAll):
     weight: float = 1.0
     effort_limit: float | np.ndarray = np.inf
     track: bool = False
+
+    def __repr__(self) -> str:
+        return f"SlotineLi({self.robot.name}, {len(self.regressors)} parameters)"
 
     def __post_init__(self) -> None:
         nv = self.regressors.robot.nv

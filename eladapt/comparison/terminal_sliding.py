@@ -38,6 +38,9 @@ class TerminalSlidingState(NamedTuple):
     information: Any
     terminal: bool  # whether the terminal surface was in use
 
+    def __repr__(self) -> str:
+        return f"TerminalSlidingState(t = {self.measurement.t:.6g} s, {len(self.theta)} parameters)"
+
     @property
     def level(self) -> float:
         """Smallest eigenvalue of Phi_2 (510)."""
@@ -81,6 +84,9 @@ class TerminalSliding(LearnsAll):
     slow: AdaptationGain = SLOW
     fast: AdaptationGain = FAST
     effort_limit: float | np.ndarray = np.inf
+
+    def __repr__(self) -> str:
+        return f"TerminalSliding({self.robot.name}, {len(self.regressors)} parameters)"
 
     def __post_init__(self) -> None:
         nv = self.regressors.robot.nv

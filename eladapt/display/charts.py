@@ -10,7 +10,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool, Legend, LegendItem, Range1d, Span
 from bokeh.plotting import figure
 
-from eladapt.display.curves import ARRIVED, COLOURS, FAULT_COLOUR, SMALLEST, felt, reduced
+from eladapt.display.curves import ARRIVED, COLOURS, FAULT_COLOUR, NOTHING, SMALLEST, felt, reduced
 from eladapt.records.description import innermost
 from eladapt.records.record import Record
 
@@ -37,18 +37,21 @@ def motion(record: Record) -> list[Any]:
     lines(velocity, t, record.v, names)
     torque = chart("torque, commanded", "τ [N m]", x)
     lines(torque, t, record.tau, names)
-    limited = np.isfinite(record.effort_limit)
     charts = [error, arrival, velocity, torque]
-    if limited.any():
-        share = chart("torque as a share of its limit, limits dashed", "τ / limit [-]", x)
-        some = [name for name, has in zip(names, limited, strict=True) if has]
-        values = record.tau[:, limited] / record.effort_limit[limited]
-        lines(share, t, values, some, limited)
-        top = 1.08 * max(1.0, float(np.nanmax(np.abs(values), initial=0.0)))
-        share.y_range = Range1d(-top, top)
-        for limit in (-1, 1):
-            level(share, limit, "#222222", "dashed")
-        charts.append(share)
+    for what, unit, values, limits in (
+        ("velocity", "v", record.v, record.velocity_limit), ("torque", "τ", record.tau, record.effort_limit)
+    ):  # fmt: skip
+        limited = np.isfinite(limits)
+        if limited.any():
+            shown = chart(f"{what} as a share of its limit, limits dashed", f"{unit} / limit [-]", x)
+            some = [name for name, has in zip(names, limited, strict=True) if has]
+            shares = values[:, limited] / limits[limited]
+            lines(shown, t, shares, some, limited)
+            top = 1.08 * max(1.0, float(np.nanmax(np.abs(shares), initial=0.0)))
+            shown.y_range = Range1d(-top, top)
+            for limit in (-1, 1):
+                level(shown, limit, "#222222", "dashed")
+            charts.append(shown)
     if record.external is not None and felt(record):
         external = chart("torque from outside, as felt", "τ [N m]", x)
         lines(external, t, record.external, names)
@@ -156,12 +159,13 @@ def lines(
 ) -> None:  # fmt: skip
     """A line a column of values (N, k), each to be hidden by a click on its name.
 
-    kept: which of the looks of all joints the columns have. first: number of the first look.
+    kept: which of the looks of all joints the columns have. first: number of the first look. log: on a
+    logarithmic axis, which ends at `SMALLEST`.
     """
     looks = np.flatnonzero(kept) if kept is not None else np.arange(first, first + values.shape[1])
     for name, column, look in zip_longest(names, values.T, looks):
         finite = np.where(np.isfinite(column), column, np.nan)
-        at, y = reduced(t, np.clip(finite, SMALLEST, None) if log else finite)
+        at, y = reduced(t, np.clip(finite, NOTHING, None) if log else finite)
         source = ColumnDataSource({"t": at.astype(np.float32), "y": y.astype(np.float32)}, name=name)
         line = into.line(
             "t", "y", source=source, color=COLOURS[look % len(COLOURS)], line_width=1.6, name=name,
@@ -170,6 +174,10 @@ def lines(
         into.legend[0].items.append(LegendItem(label=name, renderers=[line]))
         tip = [("", "$name"), ("time", "@t{0.000} s"), ("value", "@y{0.000e+0}" if log else "@y{0.0000}")]
         into.add_tools(HoverTool(renderers=[line], tooltips=tip, visible=False))
+    if log and np.nanmin(values, initial=1.0) < SMALLEST:
+        top = float(np.nanmax(values, initial=10 * SMALLEST))
+        before = into.y_range.end if isinstance(into.y_range, Range1d) else top
+        into.y_range = Range1d(SMALLEST, max(before, 2 * top))
 
 
 def level(into: Any, at: float, colour: str, dash: str) -> None:

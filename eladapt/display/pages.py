@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from eladapt.display import tables
+from eladapt.display.inline import frame
 from eladapt.errors import ArgumentError, needing
 from eladapt.files import atomic_write
 from eladapt.viewing.page import POLICY
@@ -19,7 +21,8 @@ with needing("a report needs Bokeh", "report"):
     from bokeh.resources import INLINE
 
 TEMPLATE = (
-    '{% block preamble %}<meta http-equiv="Content-Security-Policy" content="'
+    '{% block preamble %}<meta name="viewport" content="width=device-width">'
+    '<meta http-equiv="Content-Security-Policy" content="'
     + POLICY
     + '"><style>body { margin: 14px }</style>{% endblock %}'
 )
@@ -34,14 +37,33 @@ def require_page(path: str | Path) -> Path:
     return path
 
 
-def write_page(path: Path, title: str, pages: Sequence[tuple[str, Any]]) -> Path:
-    """Write a page of tabs, whole or not at all; returns its path."""
+@dataclass(frozen=True, repr=False)
+class Page:
+    """A page, which a notebook shows, and its HTML ``text``."""
+
+    title: str
+    text: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write it, whole or not at all; returns its path. Raises ArgumentError for a name that does not
+        end in .html."""
+        path = require_page(path)
+        with atomic_write(path) as temporary:
+            temporary.write_text(self.text, encoding="utf-8")
+        return path
+
+    def __repr__(self) -> str:
+        return f"Page({self.title!r}, {len(self.text) / 1e6:.1f} MB; save(path) writes it)"
+
+    def _repr_html_(self) -> str:
+        return frame(self.text, self.title)
+
+
+def made(title: str, pages: Sequence[tuple[str, Any]]) -> Page:
+    """A page of tabs."""
     heading = f"<h1 style='font-size: 22px; margin: 0'>{html.escape(title)}</h1>"
     whole = column(words(heading), tabs(pages), **WIDE)
-    text = file_html(whole, INLINE, title=f"eladapt: {title}", template=TEMPLATE)
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return path
+    return Page(title, file_html(whole, INLINE, title=f"eladapt: {title}", template=TEMPLATE))
 
 
 def pairs(drawn: Sequence[Any]) -> Any:

@@ -9,10 +9,10 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from eladapt.display import tables
-from eladapt.errors import ArgumentError, needing
+from eladapt.errors import ArgumentError, EladaptError, needing
 from eladapt.records.record import Record
 from eladapt.viewing.viewer import page_of
 
@@ -21,11 +21,21 @@ with needing("a report needs Bokeh", "report"):
     from bokeh.models import Div
 
     from eladapt.display import charts
-    from eladapt.display.pages import WIDE, pairs, require_page, tabs, words, write_page
+    from eladapt.display.pages import WIDE, Page, made, pairs, require_page, tabs, words
 
 FRAME_STYLE = ".bk-clearfix { display: block; width: 100% } iframe { width: 100%; height: 78vh; border: 0 }"
 
 
+@overload
+def report(
+    records: Record | Sequence[Record],
+    path: None = None,
+    *,
+    labels: Sequence[str] | None = None,
+    certificates: Iterable[Any] = (),
+    animation: bool = True,
+) -> Page: ...
+@overload
 def report(
     records: Record | Sequence[Record],
     path: str | Path,
@@ -33,13 +43,22 @@ def report(
     labels: Sequence[str] | None = None,
     certificates: Iterable[Any] = (),
     animation: bool = True,
-) -> Path:
-    """Write one self-contained HTML page about a record, or several beside each other.
+) -> Path: ...
+def report(
+    records: Record | Sequence[Record],
+    path: str | Path | None = None,
+    *,
+    labels: Sequence[str] | None = None,
+    certificates: Iterable[Any] = (),
+    animation: bool = True,
+) -> Page | Path:
+    """One self-contained HTML page about a record, or several beside each other, as a file and its path, or
+    without a path as a `Page` that a notebook shows.
 
     labels: a name for each record instead of its title. certificates: of `certify`, added to those that a
     record's configuration keeps. animation: the motion in three dimensions, about 5 MB a record.
-    Raises ArgumentError for a file name that does not end in .html, labels that are not one a record,
-    and what `view` raises.
+    Raises ArgumentError for a file name that does not end in .html, and labels that are not one a record. A
+    record whose robot cannot be had any more is reported without its motion, and the page says why.
     """
     several = (records,) if isinstance(records, Record) else tuple(records)
     if not several or not all(isinstance(record, Record) for record in several):
@@ -47,7 +66,8 @@ def report(
     names = _distinct([record.title for record in several]) if labels is None else list(labels)
     if len(names) != len(several):
         raise ArgumentError(f"labels: expected {len(several)}, one a record, got {len(names)}")
-    path = require_page(path)
+    if path is not None:
+        require_page(path)
     given = [tables.plain_certificate(certificate) for certificate in certificates]
     title = names[0] if len(several) == 1 else f"{len(several)} runs"
     metrics, limits = tables.metrics(several, names), tables.limits(several, names)
@@ -62,14 +82,16 @@ def report(
         for name, record in zip(names, several, strict=True):
             own = [(label, part) for label, part in _sections(record, given, animation)]
             pages.append((name, tabs(own)))
-    return write_page(path, title, pages)
+    page = made(title, pages)
+    return page if path is None else page.save(path)
 
 
 MEANING = (
     "<p>Settled: every joint's error stays below 1e-3 rad from then on. Steady error, torque ripple (peak to "
-    "peak, less its trend): the largest of the last second. θ: all gravity parameters. Limits of speed and "
-    "range: the URDF's. Fault: a gate's; without a gate none is recorded. Drag a rectangle to zoom, click a "
-    "name in a legend to hide its line, hover over a line for its values.</p>"
+    "peak, less its trend): the largest of the last second, or of as much of it as the arm was settled. θ: "
+    "the gravity parameters, by the torque that their error makes. Limits of speed and range: the URDF's. "
+    "Fault: a gate's; without a gate none is recorded. Drag a rectangle to zoom, click a name in a legend to "
+    "hide its line, hover over a line for its values.</p>"
 )
 
 
@@ -94,8 +116,12 @@ def _sections(
 
 
 def _animation(record: Record) -> Any:
-    """MeshCat's page in a frame of its own, which has no access to this page."""
-    page = html.escape(page_of(record), quote=True)
+    """MeshCat's page in a frame of its own, which has no access to this page; why there is none, where the
+    robot cannot be had any more."""
+    try:
+        page = html.escape(page_of(record), quote=True)
+    except EladaptError as reason:
+        return words(f"<p>Not drawn: {html.escape(str(reason))}</p>")
     frame = f'<iframe title="3D" sandbox="allow-scripts" srcdoc="{page}"'
     return Div(text=f"{frame}></iframe>", stylesheets=[FRAME_STYLE], disable_math=True, **WIDE)
 

@@ -6,19 +6,23 @@ import html
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from eladapt.errors import EladaptError
 from eladapt.records.description import innermost
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
+from eladapt.theory.certificates import Row
+from eladapt.theory.meaning import meaning
 
 STYLE = """
 :host { font: 14px/1.5 sans-serif; color: #223 }
-h2 { font-size: 17px; margin: 14px 0 6px } p { margin: 6px 0; max-width: 62em }
-table { border-collapse: collapse; margin: 6px 0 14px } td, th { padding: 3px 14px 3px 0; vertical-align: top;
+h2 { font-size: 17px; margin: 14px 0 6px } p { margin: 6px 0; max-width: min(62em, 94vw) }
+table { border-collapse: collapse; margin: 6px 0 14px; display: block; overflow-x: auto;
+max-width: 94vw } td, th { padding: 3px 14px 3px 0; vertical-align: top;
 text-align: left; border-bottom: 1px solid #dde2e7; max-width: 44em; overflow-wrap: break-word }
 th { font-weight: 600; border-bottom: 2px solid #9aa4ae } td.number, th.number { text-align: right;
 font-variant-numeric: tabular-nums; white-space: nowrap } .no { font-weight: 600; color: #a3320b }
@@ -61,16 +65,23 @@ def limits(records: Sequence[Record], labels: Sequence[str]) -> str:
 def setup(record: Record) -> str:
     """Robot, plant, controller and versions, with the seeds, and all of the configuration below."""
     made = record.configuration
-    robot = Robot.from_source(record.robot_source)
+    source, names = record.robot_source, record.joint_names
+    coordinates: Callable[[np.ndarray], np.ndarray]
+    try:
+        robot = Robot.from_source(source)
+        name, locked, urdf, coordinates = robot.name, robot.locked, robot.path.name, robot.coordinates
+    except EladaptError as reason:  # an older record, which does not hold its URDF, on another computer
+        name, locked = source.get("load") or source.get("name") or "unknown", source.get("locked", ())
+        urdf, coordinates = f"not to be read: {' '.join(str(reason).split())}", _as_it_is
+    goal = "moving" if np.any(record.goal != record.goal[0]) else _vector(coordinates(record.goal[0]))
     controller, plant = made.get("controller") or {}, made.get("plant")
-    goal = "moving" if np.any(record.goal != record.goal[0]) else _vector(robot.coordinates(record.goal[0]))
     rows = [
-        ["robot", f"{robot.name}: {robot.nv} joints, {', '.join(robot.joint_names)}"],
-        ["locked joints", ", ".join(robot.locked) or "none"],
-        ["URDF", robot.path.name],
+        ["robot", f"{name}: {len(names)} joints, {', '.join(names)}"],
+        ["locked joints", ", ".join(map(str, locked)) or "none"],
+        ["URDF", urdf],
         ["torque limits [N m]", _vector(record.effort_limit)],
         ["speed limits [rad/s]", _vector(record.velocity_limit)],
-        ["start [rad]", _vector(robot.coordinates(record.q[0]))],
+        ["start [rad]", _vector(coordinates(record.q[0]))],
         ["set-point [rad]", goal],
         ["samples", f"{len(record)} at steps of {record.dt:g} s"],
         ["controller", _class(controller)],
@@ -124,7 +135,8 @@ def certificates(given: Iterable[Mapping[str, Any]]) -> str:
             for row in certificate["rows"]
         ]
         text += f"<h2>{html.escape(certificate['title'])}</h2>"
-        text += "<p>Sampled estimates, no proofs. The conditions are sufficient, not necessary.</p>"
+        told = meaning([Row(**row) for row in certificate["rows"]])
+        text += "".join(f"<p>{html.escape(said)}</p>" for said in ("Sampled estimates, no proofs.", *told))
         text += table(head, rows, numbers=(1, 2))
     return text or (
         "<p>No certificates were kept with this record. <code>ea.report(record, path, "
@@ -162,6 +174,10 @@ def figure(value: float) -> str:
     if math.isnan(value):
         return "unknown"
     return f"{value:.3g}"
+
+
+def _as_it_is(q: np.ndarray) -> np.ndarray:
+    return q
 
 
 def _vector(values: np.ndarray) -> str:

@@ -37,6 +37,10 @@ class Change(NamedTuple):
     recent: Snapshot  # at most `margin` old
     trusted: Snapshot  # `margin` to twice that old: before a change that is being noticed
 
+    def __repr__(self) -> str:
+        last = f", the last at t = {self.t:.6g} s" if self.noticed else ""
+        return f"Change({self.noticed} noticed{last})"
+
 
 @dataclass(frozen=True)
 class ChangeDetector:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from eladapt.regressors.joint_terms import FRICTION_TERMS
 from eladapt.regressors.regressors import Regressors
 
 DOUBT = 0.1  # a parameter is known when its standard deviation is below this part of the largest of its kind
+HALF = 0.5  # of a parameter: more of it that only the prior says leaves it unknown
 LEAST_SIZE = 0.1  # [N m] or [N m s/rad] that a parameter counts as at least, when it is asked what is known
 
 
@@ -25,7 +27,8 @@ class FrictionEstimate(NamedTuple):
     known: np.ndarray  # (3, nv) which are known, within a tenth of the largest of its kind
     joints: tuple[str, ...]  # nv names
 
-    def __str__(self) -> str:
+    def rows(self) -> list[tuple[str, ...]]:
+        """A table in words: the head, and a row a joint."""
         head = ("friction", "viscous [N m s/rad]", "Coulomb [N m]", "offset [N m]")
         values = np.array([self.viscous, self.coulomb, self.offset])
         rows = [
@@ -38,11 +41,20 @@ class FrictionEstimate(NamedTuple):
             )
             for i, name in enumerate(self.joints)
         ]
-        wide = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+        return [head, *rows]
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
         return "\n".join(
             "  ".join(cell.ljust(width) for cell, width in zip(row, wide, strict=True)).rstrip()
-            for row in (head, *rows)
+            for row in rows
         )
+
+    def _repr_html_(self) -> str:
+        from eladapt.display import inline
+
+        return inline.friction(self)
 
     def __repr__(self) -> str:
         found = int(np.sum(self.known))
@@ -50,10 +62,13 @@ class FrictionEstimate(NamedTuple):
 
 
 def _said(value: float, std: float, known: bool) -> str:
-    """One value with its standard deviation, in words where it tells nothing."""
+    """One value with its standard deviation, rounded to what that leaves; in words where nothing is told."""
     if np.isnan(value):
         return "not estimated"
-    return f"{value:.3g} +- {std:.2g}" if known else "not known"
+    if not np.isfinite(std):
+        return "not known"
+    rounded = round(value, 1 - math.floor(math.log10(std))) if std > 0 else value
+    return f"{rounded + 0.0:.4g} +- {std:.2g}" + ("" if known else " (doubtful)")
 
 
 def estimate_friction(
@@ -91,7 +106,8 @@ def friction_of(
 ) -> FrictionEstimate:
     """theta_F in physical units, of theta (l,) and its standard deviations (l,).
 
-    doubt (l,): the part of a parameter about which nothing is known; it counts with the largest of its kind.
+    doubt (l,): the part of a parameter about which nothing is known; it counts with the largest of its kind,
+    and where it is more than half, nothing is known of the parameter: its standard deviation is inf.
     """
     values, deviations, known = (np.full((3, regressors.robot.nv), np.nan) for _ in range(3))
     for k, name in enumerate(FRICTION_TERMS):
@@ -100,8 +116,9 @@ def friction_of(
             scale = regressors.scale[block]
             values[k] = theta[block] / scale
             largest = max(LEAST_SIZE, float(np.abs(values[k]).max()))
-            unknown = 0.0 if doubt is None else doubt[block] * largest
-            deviations[k] = np.hypot(std[block] / scale, unknown)
+            unknown = np.zeros(len(scale)) if doubt is None else doubt[block]
+            deviations[k] = np.hypot(std[block] / scale, unknown * largest)
+            deviations[k, unknown > HALF] = np.inf
             known[k] = deviations[k] < DOUBT * largest
     names = regressors.robot.joint_names
     return FrictionEstimate(values[0], values[1], values[2], deviations, known == 1, names)

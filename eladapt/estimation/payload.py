@@ -56,11 +56,25 @@ class PayloadEstimate(NamedTuple):
         """Whether a load in this frame explains all of the change but ``NO_LOAD``."""
         return self.misfit < NO_LOAD
 
+    def _repr_html_(self) -> str:
+        from eladapt.display import inline
+
+        return inline.payload(self)
+
+    def __repr__(self) -> str:
+        return f"PayloadEstimate({self})"
+
     def __str__(self) -> str:
-        com = ", ".join(f"{c:.4g} +- {s:.2g}" for c, s in zip(self.com, self.com_std, strict=True))
+        com = ", ".join(_with_std(c, s) for c, s in zip(self.com, self.com_std, strict=True))
         unknown = f"; not identified: {', '.join(self.unidentified)}" if self.unidentified else ""
         doubt = "" if self.is_load else f"; but {self.misfit:.0%} of what changed is no load in this frame"
-        return f"{self.mass:.4g} +- {self.mass_std:.2g} kg at ({com}) m in {self.frame}{unknown}{doubt}"
+        mass = _with_std(self.mass, self.mass_std)
+        return f"{mass} kg at ({com}) m in {self.frame}{unknown}{doubt}"
+
+
+def _with_std(value: float, std: float) -> str:
+    """A value with its standard deviation, where there is one."""
+    return f"{value:.4g}" if np.isnan(std) else f"{value:.4g} +- {std:.2g}"
 
 
 def estimate_payload(

@@ -36,7 +36,7 @@ LEAST_PRIOR, PRIOR_OF_NOISE = 1e-10, 0.01
 FLOOR_SAMPLES = 20  # configurations over which the information that noise makes is taken
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Gains:
     """What `CompositeController.for_robot` uses; arrays are (nv,). ``str()`` is a table of the rules."""
 
@@ -63,6 +63,14 @@ class Gains:
 
     def __str__(self) -> str:
         return rules_table(self.rules)
+
+    def __repr__(self) -> str:
+        return f"Gains(P {shown(self.P)}, D {shown(self.D)}; {len(self.rules)} in all, which print shows)"
+
+    def _repr_html_(self) -> str:
+        from eladapt.display import inline
+
+        return inline.rules(repr(self), self.rules)
 
 
 class SlidingGains(NamedTuple):

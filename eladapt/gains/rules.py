@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+
+WIDE = 100  # characters of a line
 
 
 class Rule(NamedTuple):
@@ -18,11 +21,15 @@ class Rule(NamedTuple):
 
 
 def rules_table(rules: Sequence[Rule]) -> str:
-    """One line a rule, in columns."""
-    cells = [Rule._fields, *rules]
-    widths = [max(len(row[k]) for row in cells) for k in range(3)]
-    lines = ["  ".join([*(c.ljust(w) for c, w in zip(row, widths, strict=False)), row[3]]) for row in cells]
-    return "\n".join(line.rstrip() for line in lines)
+    """Name and value of each, and below them the rule and what limited it, within `WIDE` characters."""
+    margin = " " * (2 + max(len(rule.gain) for rule in rules))
+    lines = []
+    for gain, value, rule, active in rules:
+        parts = [value, rule, f"here: {active}" if active else ""]
+        wrapped = [textwrap.wrap(part, WIDE - len(margin), break_long_words=False) for part in parts]
+        first, *rest = [line for part in wrapped for line in part]
+        lines += [gain.ljust(len(margin)) + first, *(margin + line for line in rest)]
+    return "\n".join(lines)
 
 
 def shown(value: Any) -> str:

@@ -6,6 +6,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +23,9 @@ from eladapt.regressors.regressors import Regressors
 from eladapt.robot.model import Robot
 from eladapt.urdf.checks import edited_urdf
 from eladapt.urdf.editing import Edits
+
+if TYPE_CHECKING:
+    from eladapt.display.pages import Page
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,7 +102,7 @@ class Identified:
         physical parameters.
         """
         path = Path(path)
-        text = edited_urdf(self.original.path, self.robot.edits or Edits())
+        text = edited_urdf(self.original.path, self.robot.edits or Edits(), self.original.text)
         with atomic_write(path) as temporary:
             temporary.write_bytes(text)
         return path
@@ -118,11 +122,25 @@ class Identified:
             variance=1.0, frame=frame,
         )  # fmt: skip
 
-    def report(self, path: str | Path) -> Path:
-        """Write one page: torques measured and predicted, errors, parameters before and after."""
+    @overload
+    def report(self, path: None = None) -> Page: ...
+    @overload
+    def report(self, path: str | Path) -> Path: ...
+    def report(self, path: str | Path | None = None) -> Page | Path:
+        """One page: torques measured and predicted, errors, parameters before and after. As a file and its
+        path, or without a path as a `Page` that a notebook shows."""
         from eladapt.display.identification_report import identification_report
+        from eladapt.display.pages import require_page
 
-        return identification_report(self, path)
+        if path is not None:
+            require_page(path)
+        page = identification_report(self)
+        return page if path is None else page.save(path)
+
+    def _repr_html_(self) -> str:
+        from eladapt.display import inline
+
+        return inline.identified(self)
 
     def __repr__(self) -> str:
         return f"Identified({self.original.name}: {len(self.theta)} parameters, {len(self.untold)} not told)"
@@ -176,7 +194,10 @@ class Identified:
     @functools.cached_property
     def _edits(self) -> Edits:
         if self.parameters is None or self.physical is None:
-            raise EladaptError("found: there are no physical parameters; identify(..., physical=True)")
+            raise EladaptError(
+                "found: there are no physical parameters: identify(..., physical=True) looks for them, and "
+                "found.notes says where there are none"
+            )
         regressors, physical = self.regressors, self.physical
         inertials: dict[str, list[float] | None] = {}
         dynamics: dict[str, dict[str, float]] = {name: {} for name in self.original.joint_names}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eladapt.errors import ArgumentError, LogWarning, require_number
+from eladapt.errors import ArgumentError, LogWarning, UnphysicalError, require_number
 from eladapt.identification.fitting import Fit, directions, fit
 from eladapt.identification.found import Identified
 from eladapt.identification.learned import learned
@@ -52,7 +52,7 @@ def identify(
     velocities and accelerations (nv,) that give what a unit of the parameter makes in each joint (nv,); for
     example {"viscous(5 with 6)": lambda q, v, a: ...}. physical: also find the physical parameters nearest
     the URDF's that fit as well (extra ``identify``), which `Identified.robot` and `Identified.save_urdf`
-    need.
+    need; where there are none, as with torques of the other sign, the rest is there all the same.
 
     Warns (LogWarning) of what looks wrong in the log, and of parameters that do not explain it. Raises
     ArgumentError for a log at rest, without torque, or with fewer rows than parameters; UnknownNameError for
@@ -98,12 +98,12 @@ def identify(
     if whole.physical is not None:
         by["physical"] = whole.physical
     errors = {name: errors_of(rows, torques, theta) for name, theta in by.items()}
-    for doubt in doubts(errors):
+    doubted = (*whole.notes, *doubts(errors))
+    for doubt in doubted:
         warnings.warn(f"log of {robot.name}: {doubt}", LogWarning, stacklevel=2)
     return dataclasses.replace(
-        whole, errors=errors, torques=torques, held_out=held_out,
-        notes=(*log.notes, *told, *doubts(errors)),
-    )  # fmt: skip
+        whole, errors=errors, torques=torques, held_out=held_out, notes=(*log.notes, *told, *doubted)
+    )
 
 
 def _bodies(regressors: Regressors, own: int) -> PhysicalBodies:
@@ -116,8 +116,14 @@ def _identified(
     robot: Robot, regressors: Regressors, found: Fit, labels: tuple[str, ...], own: Mapping[str, Column],
     bodies: PhysicalBodies | None,
 ) -> Identified:  # fmt: skip
-    parameters, theta = (None, None) if bodies is None else bodies.nearest(found.theta, found.triangle)
+    parameters, theta = None, None
+    notes: tuple[str, ...] = ()
+    if bodies is not None:
+        try:
+            parameters, theta = bodies.nearest(found.theta, found.triangle)
+        except UnphysicalError as reason:
+            notes = (str(reason),)
     return Identified(
         robot, regressors, found, labels, directions(found.untold, (*regressors.names, *own)), physical=theta,
-        parameters=parameters, columns=dict(own),
+        parameters=parameters, columns=dict(own), notes=notes,
     )  # fmt: skip

@@ -14,10 +14,11 @@ from scipy.signal import savgol_filter
 from eladapt.errors import ArgumentError, UnknownNameError, require_number
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import turning
 
 FEWEST = 10  # samples
 GAP = 5.0  # times the median step: a longer one is a gap, over which nothing is known
-JUMP = 1.5 * np.pi  # [rad] from one sample to the next is no motion, but a position within one turn
+JUMP = 0.75  # turns from one sample to the next are no motion, but a position within one turn
 NAMED = 3  # columns that a note names
 DERIVATIVE_TIME, DERIVATIVE_ORDER = 0.06, 3  # [s] of the window that fits positions to tell velocities
 
@@ -28,7 +29,8 @@ class Log:
 
     t (N,) [s]; q, v, tau (N, n) [rad or m, rad/s or m/s, N m or N]; joint_names: of the n columns, none where
     they are the robot's joints in its order. held: each torque acted over the whole step that ends at its t,
-    as a controller commands it; otherwise it was measured at t.
+    as a controller commands it; otherwise it was measured at t. degrees: q and v are in degrees where a joint
+    turns, and in metres where it slides: which does is the robot's to say, so that `of` makes them radians.
 
     What a recording lacks is dealt with by rule, and ``notes`` says where: samples with a number that is none
     are left out, and so are those with the stamp of the sample before. Without v (None, or all nan) it is the
@@ -45,6 +47,7 @@ class Log:
     joint_names: tuple[str, ...] = ()
     held: bool = False
     notes: tuple[str, ...] = ()
+    degrees: bool = False
 
     def __post_init__(self) -> None:
         t = _table("t", self.t, 1)
@@ -117,7 +120,7 @@ class Log:
         return cls(record.t[1:], x[1:], record.v[1:], record.tau[:-1], record.joint_names, held=True)
 
     def of(self, robot: Robot) -> Log:
-        """The same with one column for each of the robot's joints, in its order.
+        """The same with one column for each of the robot's joints, in its order, in SI units.
 
         Columns of other joints, as of a gripper, are left out. Raises UnknownNameError for a joint of the
         robot that the log does not have, ArgumentError for a log without names and another number of joints.
@@ -128,10 +131,21 @@ class Log:
                     f"log: expected {robot.nv} joints, those of {robot.name} in their order, got "
                     f"{self.q.shape[1]}; name the columns (joint_names), or lock joints"
                 )
-            return dataclasses.replace(self, joint_names=robot.joint_names)
+            return dataclasses.replace(self, joint_names=robot.joint_names)._in_radians(robot)
         if missing := [name for name in robot.joint_names if name not in self.joint_names]:
-            raise UnknownNameError("joint of the log", missing, self.joint_names)
-        return self.columns([self.joint_names.index(name) for name in robot.joint_names])
+            raise UnknownNameError(
+                "joint of the log", missing, self.joint_names,
+                f"Say which joint of {robot.name} each column is, in their order: joint_names= (--joint)",
+            )  # fmt: skip
+        which = [self.joint_names.index(name) for name in robot.joint_names]
+        return self.columns(which)._in_radians(robot)
+
+    def _in_radians(self, robot: Robot) -> Log:
+        """The same in SI units, of a log with the robot's joints in its order."""
+        if not self.degrees:
+            return self
+        unit = np.where(turning(robot), np.pi / 180, 1.0)
+        return dataclasses.replace(self, q=unit * self.q, v=unit * self.velocity, degrees=False)
 
     def columns(self, which: Sequence[int]) -> Log:
         """Some joints only, by their number."""
@@ -182,10 +196,10 @@ class Log:
 
     def _put_together(self, notes: list[str]) -> None:
         """Positions that go on where they jump by a turn from one sample to the next, in place."""
-        before = self.q.copy()
+        before, turn = self.q.copy(), 360.0 if self.degrees else 2 * np.pi
         for piece in self.segments:
-            self.q[piece] = np.unwrap(self.q[piece], discont=JUMP, axis=0)
-        jumping = np.flatnonzero(np.abs(self.q - before).max(axis=0) > JUMP)
+            self.q[piece] = np.unwrap(self.q[piece], discont=JUMP * turn, period=turn, axis=0)
+        jumping = np.flatnonzero(np.abs(self.q - before).max(axis=0) > JUMP * turn)
         if jumping.size:
             named = ", ".join(_joint(self.joint_names, int(k)) for k in jumping)
             notes.append(f"positions of {named} jump by a turn from one sample to the next, and go on")

@@ -8,15 +8,17 @@ import numpy as np
 
 from eladapt.identification.log import Log
 from eladapt.robot.model import Robot
+from eladapt.robot.postures import turning
 
-STILL = 0.01  # [rad/s] a joint that is never faster stands still
+STILL = 0.01  # [rad/s or m/s] a joint that is never faster stands still
 ONE_WAY = 0.01  # of the time, in which a joint that moves one way moves the other
 BEYOND = 0.02  # of a joint's range
 TURN = 2 * np.pi
 FASTER = 1.1  # times a speed limit
 CONSTANT, TIMES = 0.01, 10  # of the samples, and how many at least, at one extreme: it is cut off there
 SLOW = 0.05  # [s]
-UNITS = ((180 / np.pi, "degrees"), (1000.0, "thousandths, as of mm, mN m or ms"))
+DEGREES = (180 / np.pi, "degrees")
+THOUSANDTHS = (1000.0, "thousandths, as of mm, mN m or ms")
 NEAR_UNIT = 1.25  # by which factor a ratio may differ from a unit's
 NEAR_ONE = 1.5  # by which factor a ratio may differ from 1
 ALIKE = 0.7  # correlation of torques and the URDF's gravity, from which on their ratio means something
@@ -32,13 +34,13 @@ def remarks(log: Log, robot: Robot) -> tuple[str, ...]:
 
 
 def _motion(log: Log, robot: Robot) -> Iterator[str]:
-    v, x = log.velocity, log.q
+    v, x, turns = log.velocity, log.q, turning(robot)
     wide = robot.upper - robot.lower
     for k, name in enumerate(robot.joint_names):
-        speed = float(np.abs(v[:, k]).max())
+        speed, unit = float(np.abs(v[:, k]).max()), "rad/s" if turns[k] else "m/s"
         if speed <= STILL:
             yield (
-                f"{name} stands still (at most {speed:.2g} rad/s): its friction, and what only its motion "
+                f"{name} stands still (at most {speed:.2g} {unit}): its friction, and what only its motion "
                 "shows, are not told"
             )
         else:
@@ -50,13 +52,14 @@ def _motion(log: Log, robot: Robot) -> Iterator[str]:
                 )
         low, high = float(x[:, k].min()), float(x[:, k].max())
         if (low < robot.lower[k] - BEYOND * wide[k]) or (high > robot.upper[k] + BEYOND * wide[k]):
-            asked = "; are these degrees (degrees=True)?" if max(-low, high) > TURN else ""
+            far = turns[k] and max(-low, high) > TURN
+            asked = "; are these degrees (degrees=True)?" if far else ""
             yield (
                 f"{name} goes from {low:.4g} to {high:.4g}, beyond its limits, {robot.lower[k]:.4g} to "
                 f"{robot.upper[k]:.4g}{asked}"
             )
         if speed > FASTER * robot.velocity_limit[k]:
-            yield f"{name} reaches {speed:.3g} rad/s; its limit is {robot.velocity_limit[k]:.3g}"
+            yield f"{name} reaches {speed:.3g} {unit}; its limit is {robot.velocity_limit[k]:.3g}"
 
 
 def _units(log: Log, robot: Robot) -> Iterator[str]:
@@ -65,7 +68,7 @@ def _units(log: Log, robot: Robot) -> Iterator[str]:
     if not pieces:
         return
     rate = np.concatenate([np.gradient(log.q[p], log.t[p], axis=0) for p in pieces])
-    v = np.concatenate([log.velocity[p] for p in pieces])
+    v, turns = np.concatenate([log.velocity[p] for p in pieces]), turning(robot)
     for k, name in enumerate(robot.joint_names):
         if np.abs(v[:, k]).max() <= STILL and np.abs(rate[:, k]).max() <= STILL:
             continue
@@ -73,23 +76,23 @@ def _units(log: Log, robot: Robot) -> Iterator[str]:
         ratio = float(v[:, k] @ v[:, k]) / along if along else np.inf
         if not 1 / NEAR_ONE < ratio < NEAR_ONE:
             said = f"{name}: the velocities are {ratio:.3g} times the derivative of the positions"
-            yield said + _unit_hint(ratio)
+            yield said + _unit_hint(ratio, angle=bool(turns[k]))
 
 
 def _torques(log: Log, robot: Robot) -> Iterator[str]:
     """Torques that are missing, cut off, or of another unit than the URDF's gravity."""
     for k, name in enumerate(robot.joint_names):
-        tau = log.tau[:, k]
+        tau, unit = log.tau[:, k], "N m" if turning(robot)[k] else "N"
         if not tau.any():
             yield f"{name}: its torque is always zero; its parameters will be told as zero"
             continue
         for extreme in (tau.max(), tau.min()):
             share = float(np.mean(tau == extreme))
             if share > CONSTANT and share * len(log) >= TIMES and np.ptp(tau) > 0:
-                yield f"{name}: its torque is cut off at {extreme:.4g} N m in {share:.0%} of the samples"
+                yield f"{name}: its torque is cut off at {extreme:.4g} {unit} in {share:.0%} of the samples"
         if np.abs(tau).max() > FASTER * robot.effort_limit[k]:
             yield (
-                f"{name}: its torque reaches {np.abs(tau).max():.4g} N m, beyond its limit, "
+                f"{name}: its torque reaches {np.abs(tau).max():.4g} {unit}, beyond its limit, "
                 f"{robot.effort_limit[k]:.4g}; currents or another unit (gains=)?"
             )
     which = np.linspace(0, len(log) - 1, min(len(log), FEW)).astype(int)
@@ -105,8 +108,8 @@ def _torques(log: Log, robot: Robot) -> Iterator[str]:
         yield f"the torques are {ratio:.3g} times the URDF's gravity{_unit_hint(ratio)} (gains=)"
 
 
-def _unit_hint(ratio: float) -> str:
-    for unit, name in UNITS:
+def _unit_hint(ratio: float, angle: bool = False) -> str:
+    for unit, name in (DEGREES, THOUSANDTHS) if angle else (THOUSANDTHS,):
         for factor, said in ((unit, name), (1 / unit, f"the inverse of {name}")):
             if 1 / NEAR_UNIT < ratio / factor < NEAR_UNIT:
                 return f"; {said}?"

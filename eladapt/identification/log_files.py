@@ -58,7 +58,7 @@ def read_log(
 
     joint_names: of the columns, where the file does not say; of a bag, which joints. gains: torque by current
     [N m/A], a number, one a joint, or by name; then the current takes the torque's place. degrees: positions
-    and velocities are in degrees. held: see `Log`.
+    and velocities of joints that turn are in degrees. held: see `Log`.
 
     Raises LogError, naming the file, and the line where there is one; FileNotFoundError.
     """
@@ -110,9 +110,8 @@ def _log(given: dict[str, Any], joint_names: Sequence[str], gains: Any, degrees:
             gains = [gains[name] for name in names]
         tau = tau * require_vector("gains", np.full(n, gains) if np.ndim(gains) == 0 else gains, n)
         notes.append("torques are currents times the gains given")
-    unit = np.pi / 180 if degrees else 1.0
-    t, v = _seconds(np.asarray(given["t"], dtype=float), notes), given.get("v")
-    return Log(t, given["q"] * unit, None if v is None else v * unit, tau, names, held, tuple(notes))
+    t = _seconds(np.asarray(given["t"], dtype=float), notes)
+    return Log(t, given["q"], given.get("v"), tau, names, held, tuple(notes), degrees)
 
 
 def _seconds(t: np.ndarray, notes: list[str]) -> np.ndarray:

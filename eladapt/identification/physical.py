@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
-from eladapt.errors import EladaptError, needing
+from eladapt.errors import UnphysicalError, needing
 from eladapt.gains.extremes import effort, extremes
 from eladapt.regressors.regressors import Regressors
 from eladapt.regressors.standard import pseudo_inertia
@@ -76,7 +76,7 @@ class PhysicalBodies:
         """(standard parameters (s,), theta (l,) of them).
 
         theta (l,) as data tell it, triangle (l, l): T with T'T the inverse of its covariance. Raises
-        EladaptError where the solver finds none.
+        UnphysicalError where the solver finds none.
         """
         rows = np.vstack([triangle @ self._to_theta, self._near])
         x = self._solved(rows, np.concatenate([triangle @ theta, self._wanted]))
@@ -106,9 +106,9 @@ class PhysicalBodies:
         )  # fmt: skip
         found = solver.solve()
         if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
-            raise EladaptError(
-                f"no physical parameters found (the solver says {found.status}): what fits is too far from "
-                "any body; are the torques' sign and unit right? Without them: physical=False"
+            raise UnphysicalError(
+                f"there are no bodies that can be and fit (the solver says {found.status}): what fits is too "
+                "far from any; are the torques' sign and unit right?"
             )
         step = scipy.linalg.solve_triangular(root, np.array(found.x))
         return np.asarray((loosest + step) * unit)

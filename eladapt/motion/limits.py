@@ -91,6 +91,11 @@ class MotionLimits:
     def __str__(self) -> str:
         return rules_table(self.rules)
 
+    def _repr_html_(self) -> str:
+        from eladapt.display import inline
+
+        return inline.rules(repr(self), self.rules)
+
     def __repr__(self) -> str:
         parts = (f"{name} {shown(getattr(self, name))}" for name in ("velocity", "acceleration", "jerk"))
         return f"MotionLimits({self.robot.name}: {', '.join(parts)})"

@@ -120,6 +120,9 @@ class ShapedState(NamedTuple):
     begun: bool = False  # whether a goal was seen yet
     beyond: bool = False  # whether the last one was beyond the joint limits, which was said then
 
+    def __repr__(self) -> str:
+        return f"ShapedState(t = {self.t:.6g} s, {self.inner!r})"
+
     @property
     def fault(self) -> Any:
         """The gate's inside, None where there is none."""

@@ -17,7 +17,7 @@ from eladapt.errors import EladaptError
 from eladapt.files import open_regular
 
 HEADER = "header"
-MOST_HEADER = 16 << 20  # [bytes]: four a character; a Panda's has 0.1 MB
+MOST_HEADER = 64 << 20  # [bytes]: four a character, of a robot file of 5 MB and more; a Panda's has 0.1 MB
 MOST_ARRAYS = 1000
 READ_HEAD = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 

@@ -27,14 +27,27 @@ class Metrics(NamedTuple):
     """Figures of merit of a run."""
 
     settling_time: float  # [s] from when on every |e_i| stays below the threshold; inf if it does not
-    steady_error: float  # [rad] largest |e_i| in the last second
-    parameter_settling: float  # [s] from when on every |theta error| stays below 1 %; nan if unknown
-    chatter: float  # [N m] largest peak-to-peak torque, less its trend, in the last second
+    steady_error: float  # [rad] largest |e_i| in the last second, or since it settled
+    parameter_settling: float  # [s] from when on |theta error| stays below 1 % of |theta|; nan if unknown
+    chatter: float  # [N m] largest peak-to-peak torque, less its trend, of the same time
     control_energy: float  # [N^2 m^2 s] integral of |tau|^2
     speed: Extreme  # [-] largest |v_i| as a part of the joint's limit
     beyond: Extreme | None  # [rad or m] furthest beyond a joint's range, negative inside; None: not recorded
     faults: tuple[Fault, ...] | None  # that a gate latched; None: not recorded
     brakes: tuple[Braking, ...] = ()  # that it asked for
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the arm came to rest at its goal."""
+        return math.isfinite(self.settling_time)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a run did that its arm would not have borne, a sentence each."""
+        said = {"a speed limit was exceeded": self.speed.value > 1 and self.speed_said}
+        left = self.beyond is not None and self.beyond.value > RESOLVED
+        said["the joint range was not kept"] = left and self.range_said
+        return tuple(f"{what}: {how}" for what, how in said.items() if how)
 
     @property
     def speed_said(self) -> str:

@@ -19,6 +19,7 @@ from eladapt.records.metrics import Extreme, Metrics, chatter, furthest_beyond, 
 from eladapt.signals import Braking, Fault
 
 FORMAT = 2
+LAST, LEAST_REST = 1.0, 0.2  # [s] of a run that count as rest: at most, and at least
 # Of the arrays in memory; above that, times the file's size. Those of moves take three times what it has.
 MOST_BYTES, MOST_GROWTH = 1 << 27, 50
 SHAPES = {
@@ -79,6 +80,7 @@ class Record:
     q_index: np.ndarray | None = None  # (nv,) where a joint's coordinate stands in q
     faults: tuple[Fault, ...] | None = None  # that a gate latched, in their order
     brakes: tuple[Braking, ...] | None = None  # when it asked for them, and why
+    link_names: tuple[str, ...] = ()  # nv, that the joints move; none where it was not recorded
     final_state: Any = None  # the controller's last; not saved
 
     def __len__(self) -> int:
@@ -94,6 +96,11 @@ class Record:
             f"Record({self.title!r}: {len(self.joint_names)} joints, {len(self)} samples of {self.dt:g} s"
             f"{learned})"
         )
+
+    def _repr_html_(self) -> str:
+        from eladapt.display import inline
+
+        return inline.record(self)
 
     @property
     def theta(self) -> np.ndarray:
@@ -139,15 +146,25 @@ class Record:
         return settled(self.t, np.abs(self.error).max(axis=1) < threshold)
 
     def parameter_settling(self, relative: float = 0.01) -> float:
-        """[s] from when on every theta stays within ``relative`` of its true value."""
-        bound = relative * np.abs(self.theta_true if self.theta_true is not None else np.nan)
-        return settled(self.t, np.all(np.abs(self.theta_error) < bound, axis=1))
+        """[s] from when on the torque that theta's error makes stays within ``relative`` of gravity's.
+
+        By their sizes, |theta error| <= relative |theta true|: each entry of a scaled theta is the torque
+        that it typically makes, so one whose true value is 0 counts by what its error does.
+        """
+        error = self.theta_error
+        off, size = (np.linalg.norm(values, axis=1) for values in (error, self.theta - error))
+        return settled(self.t, off <= relative * size)
 
     def metrics(self, threshold: float = 1e-3) -> Metrics:
-        """Settling, steady error, chatter, energy, speed, range and faults; ``threshold`` [rad]."""
-        last, known = self.t >= self.t[-1] - 1, self.parameters_true is not None
+        """Settling, steady error, chatter, energy, speed, range and faults; ``threshold`` [rad].
+
+        What is said of rest is of the last second, or of what of it the arm has been settled.
+        """
+        known, settling = self.parameters_true is not None, self.settling_time(threshold)
+        since = min(settling, self.t[-1] - LEAST_REST) if np.isfinite(settling) else -np.inf
+        last = self.t >= max(self.t[-1] - LAST, since)
         return Metrics(
-            settling_time=self.settling_time(threshold),
+            settling_time=settling,
             steady_error=float(np.abs(self.error[last]).max()),
             parameter_settling=self.parameter_settling() if known else float("nan"),
             chatter=chatter(self.t[last], self.tau[last]),
@@ -204,8 +221,8 @@ class Record:
             missing = [name for name in ARRAYS if name not in arrays]
             if missing:
                 raise RecordError(f"{path}: lacks {', '.join(missing)}; make it again")
-            for name in ("joint_names", "parameter_labels"):
-                header[name] = tuple(header[name])
+            for name in ("joint_names", "parameter_labels", "link_names"):
+                header[name] = tuple(header.get(name, ()))
             if header.get("faults") is not None:
                 header["faults"] = tuple(_fault(*fault) for fault in header["faults"])
             if header.get("brakes") is not None:
@@ -223,8 +240,11 @@ class Record:
             if not isinstance(value := getattr(self, name), kind):
                 raise ValueError(f"{name}: expected {kind.__name__}, got {type(value).__name__}")
         require_number("dt", self.dt, 0)
-        if not all(isinstance(name, str) for name in (*self.joint_names, *self.parameter_labels)):
-            raise ValueError("joint_names, parameter_labels: expected texts")
+        names = (*self.joint_names, *self.parameter_labels, *self.link_names)
+        if not all(isinstance(name, str) for name in names):
+            raise ValueError("joint_names, parameter_labels, link_names: expected texts")
+        if self.link_names and len(self.link_names) != len(self.joint_names):
+            raise ValueError(f"link_names: expected none or {len(self.joint_names)}, got {self.link_names}")
         if not 0 <= self.n_potential <= len(self.parameter_labels):
             raise ValueError(
                 f"n_potential: expected 0 to {len(self.parameter_labels)}, got {self.n_potential}"

@@ -166,6 +166,7 @@ class Recorder:
             q_index=np.array(list(self.robot.model.idx_qs)[1:]), dt=self.dt,
             faults=None if self._faults is None else tuple(self._faults),
             brakes=None if self._brakes is None else tuple(self._brakes), joint_names=self.robot.joint_names,
+            link_names=self.robot.link_names,
             parameter_labels=self._labels(size), robot_source=self.robot.source,
             title=self.title or self.robot.name,
             configuration={

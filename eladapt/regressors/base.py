@@ -39,6 +39,10 @@ class ParameterBasis:
     labels: tuple[str, ...]
     rank_gap: float = np.inf
 
+    def __repr__(self) -> str:
+        p, s = self.projection.shape
+        return f"ParameterBasis({p} of {s} standard parameters, {self.n_potential} of gravity)"
+
     def __post_init__(self) -> None:
         p, s = self.projection.shape
         if self.kinetic.shape != (s, p) or self.potential.shape != (s, p) or len(self.labels) != p:

@@ -31,6 +31,7 @@ from eladapt.robot.space import Space
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
 from eladapt.urdf.assets import MeshUse
+from eladapt.urdf.checks import read_bytes
 from eladapt.urdf.editing import Edits
 from eladapt.urdf.weighing import require_density
 
@@ -58,6 +59,7 @@ class Robot:
     density: float | None = None  # [kg/m^3] of links that were weighed by their shapes
     weighed: Mapping[str, pin.Inertia] = field(default_factory=dict)  # those links, each in its own frame
     edits: Edits | None = None  # what is another than in the file
+    text: bytes = field(default=b"", repr=False)  # the file's, so that it may move or change
     _space: Space = field(init=False, repr=False)
     _scratch: Scratch[pin.Data] = field(init=False, repr=False)
 
@@ -95,6 +97,7 @@ class Robot:
         mend: bool = False,
         density: float | None = None,
         edits: Edits | None = None,
+        text: bytes | None = None,
     ) -> Robot:
         """Read a URDF, lock the joints named (``*`` matches any characters), refuse what is broken.
 
@@ -111,14 +114,16 @@ class Robot:
         warns of each change; without it they are refused. ``density`` [kg/m^3] weighs moving links that have
         no <inertial> by their shapes, see `weigh`; from 10 to 23,000. ``edits``: inertias, friction and
         rotors in place of the file's, see `Edits`; a file gives rotors itself as <dynamics armature="...">.
+        ``text``: what the file held when it was read before; ``path`` is then where its meshes are.
         Raises UrdfError with every fault found, and UnknownNameError for a joint, frame or limit
         that does not exist.
         """
         path = Path(path)
         density = None if density is None else require_density("density", density)
+        text = read_bytes(path) if text is None else text
         read = read_robot(
             path, package_dirs, locked, armature=armature or {}, gravity=gravity, mend=mend, density=density,
-            edits=None if edits is None else Edits(*edits),
+            text=text, edits=None if edits is None else Edits(*edits),
         )  # fmt: skip
         model = read.model
         if tool is not None:
@@ -138,6 +143,7 @@ class Robot:
             density=density,
             weighed=read.weighed,
             edits=None if edits is None else Edits(*edits),
+            text=text,
             home=home,
             target=np.array(home if target is None else require_vector("target", target, model.nv)),
         )
@@ -158,7 +164,7 @@ class Robot:
         options = {**self._options(), "edits": merged, "density": None}
         given = {name for name, values in merged.dynamics.items() if "armature" in values}
         options["armature"] = {n: a for n, a in options["armature"].items() if n not in given}
-        return Robot.from_urdf(options.pop("urdf"), **options)
+        return Robot.from_source(options)
 
     @classmethod
     def load(cls, name: str) -> Robot:
@@ -184,6 +190,15 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """The nv joints that move, in the order of all arrays."""
         return tuple(self.model.names)[1:]
+
+    @functools.cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """(nv,) the link that each joint moves; links on fixed joints move with it."""
+        children = {
+            joint.get("name", ""): joint.find("child").get("link", "")  # type: ignore[union-attr]
+            for joint in self.document().findall("joint")
+        }
+        return tuple(children[joint] for joint in self.joint_names)
 
     @property
     def effort_limit(self) -> np.ndarray:
@@ -311,8 +326,8 @@ class Robot:
         return random_configurations(self.model, rng, count)
 
     def document(self) -> Element:
-        """The URDF's <robot> element, read again, with locked joints held and links weighed."""
-        return read_document(self.path, self.locked, self.weighed, self.edits)
+        """The URDF's <robot> element, with locked joints held and links weighed."""
+        return read_document(self.path, self.locked, self.weighed, self.edits, self.text)
 
     def visual_model(self) -> tuple[pin.GeometryModel, dict[str, MeshUse]]:
         """The URDF's visuals, attached to the joints that are left, and the meshes among them by name.
@@ -335,7 +350,7 @@ class Robot:
         return self._options()
 
     def _options(self) -> dict[str, Any]:
-        """`from_urdf`'s, the path as "urdf"; plain JSON types."""
+        """`from_urdf`'s, the path as "urdf", the text with a character for each byte; plain JSON types."""
         armature = {n: float(a) for n, a in zip(self.joint_names, self.armature, strict=True) if a}
         return {
             "urdf": str(self.path),
@@ -347,6 +362,7 @@ class Robot:
             "mend": self.mend,
             "density": self.density,
             "edits": self.edits and list(self.edits),
+            "text": self.text.decode("latin-1"),
             **self._beside_the_model(),
         }
 
@@ -367,8 +383,15 @@ class Robot:
             return cls.load(source["load"])
         options = dict(source)
         try:
+            if options.get("text") is not None:
+                options["text"] = options["text"].encode("latin-1")
             return cls.from_urdf(options.pop("urdf"), **options)
-        except (TypeError, KeyError, AttributeError) as reason:  # it may be in a record from somebody else
+        except (
+            TypeError,
+            KeyError,
+            AttributeError,
+            UnicodeError,
+        ) as reason:  # it may be in a record from somebody else
             raise ArgumentError(f"source: expected what Robot.source gives, got {source!r}") from reason
 
     def check_q(self, q: np.ndarray, name: str = "q") -> np.ndarray:

@@ -52,14 +52,15 @@ def read_robot(
     gravity: Sequence[float] | np.ndarray | None,
     mend: bool,
     density: float | None,
+    text: bytes,
     edits: Edits | None = None,
 ) -> Read:
-    """The model of a file, checked before and after Pinocchio read it; see `Robot.from_urdf`.
+    """The model of a file with this text, checked before and after Pinocchio read it; see `Robot.from_urdf`.
 
     What was mended or assumed, and what looks like other units, is warned of where `Robot.from_urdf` was
     called.
     """
-    checked, weighed = check_urdf(path, locked, edits), {}
+    checked, weighed = check_urdf(path, locked, edits, text), {}
     if density is not None:
         weighed = weigh(checked.root, checked.locked, density, path, package_dirs)
         add_inertials(checked.root, weighed)
@@ -89,10 +90,14 @@ def _rotors(checked: Checked) -> dict[str, float]:
 
 
 def read_document(
-    path: Path, locked: Sequence[str], weighed: Mapping[str, pin.Inertia], edits: Edits | None = None
+    path: Path,
+    locked: Sequence[str],
+    weighed: Mapping[str, pin.Inertia],
+    edits: Edits | None,
+    text: bytes,
 ) -> Element:
     """The <robot> element of a file read before, with the same edits, joints held and links weighed."""
-    root = read_urdf(path, edits)
+    root = read_urdf(path, edits, text)
     hold(root, locked)
     add_inertials(root, weighed)
     return root

@@ -19,6 +19,7 @@ import pinocchio as pin
 from eladapt.compiling import prepare
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number, require_vector
 from eladapt.gains.extremes import effort, extremes
+from eladapt.gains.rules import shown
 from eladapt.robot.model import Robot
 from eladapt.robot.postures import require_holdable, require_within
 from eladapt.robot.protocols import Goal
@@ -59,6 +60,9 @@ class GateState(NamedTuple):
     fault: Fault | None = None
     hold: Hold | None = None  # where the fallback stands, once there is a fault
 
+    def __repr__(self) -> str:
+        return f"GateState({self.seen} samples judged, fault: {self.fault or 'none'})"
+
     @property
     def q(self) -> np.ndarray:
         """(nq,) where the arm was seen last."""
@@ -97,6 +101,9 @@ class TorqueGate:
     resolution: float = 1e-4
     guard: DivergenceGuard = field(default_factory=DivergenceGuard)
     barrier: Barrier | None = None
+
+    def __repr__(self) -> str:
+        return f"TorqueGate({self.robot.name}, effort {shown(self.effort)}, velocity {shown(self.velocity)})"
 
     def __post_init__(self) -> None:
         prepare()

@@ -28,6 +28,9 @@ class GatedState(NamedTuple):
     gate: GateState
     trusted: np.ndarray  # its parameters when nothing was suspicious last; empty if it has none
 
+    def __repr__(self) -> str:
+        return f"GatedState({self.inner!r}, {self.gate!r})"
+
     @property
     def fault(self) -> Fault | None:
         """Why the arm is held, None as long as the controller is in charge."""

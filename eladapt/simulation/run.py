@@ -10,7 +10,14 @@ import numpy as np
 from tqdm import tqdm
 
 from eladapt.compiling import prepare
-from eladapt.errors import BrakesWarning, EladaptError, SimulationError, printable, require_number
+from eladapt.errors import (
+    BrakesWarning,
+    EladaptError,
+    RunInterrupted,
+    SimulationError,
+    printable,
+    require_number,
+)
 from eladapt.records.record import Record
 from eladapt.records.recorder import LONGEST, Recorder
 from eladapt.robot.protocols import (
@@ -46,7 +53,7 @@ def simulate(
     sample. observer: called with (t, q, q_d, state) after each step of
     the controller, as a live view is. Where the controller may ask for brakes and the plant has none, a
     BrakesWarning says so at the start. Raises SimulationError, with the record so far, when controller, plant
-    or goal fail on the way.
+    or goal fail on the way, and RunInterrupted, a KeyboardInterrupt with it, at Ctrl-C.
     """
     dt = require_number("dt", dt, 0)
     steps = round(require_number("duration", duration, 0, LONGEST) / dt)
@@ -83,6 +90,10 @@ def simulate(
             raise
         message = f"the run ended after {recorder.count} of {steps + 1} samples: {reason}"
         raise SimulationError(message, recorder.record()) from reason
+    except KeyboardInterrupt as stopped:
+        if recorder.count == 0:
+            raise
+        raise RunInterrupted(recorder.record()) from stopped
     return recorder.record()
 
 

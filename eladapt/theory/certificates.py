@@ -35,6 +35,7 @@ from eladapt.theory.lyapunov import (
     require_composite,
     v_0,
 )  # fmt: skip
+from eladapt.theory.meaning import meaning
 
 SIZES = np.logspace(-6, 3, 28)  # of e1 [rad] and e2 [rad/s] in the sampled conditions
 # Of e1, e2 and theta_error in the sampling of c_3, down to where V_FT is homogeneous: on the panda
@@ -52,7 +53,7 @@ class Row(NamedTuple):
     note: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Certificate:
     """The conditions as rows; ``certificate["(530)"]`` is the row with that in its name."""
 
@@ -72,6 +73,15 @@ class Certificate:
             raise UnknownNameError("condition", [label], [row.name for row in self.rows])
         return found[0]
 
+    def __repr__(self) -> str:
+        holding = sum(row.holds for row in self.rows)
+        return f"Certificate({self.title!r}: {holding} of {len(self.rows)} conditions hold)"
+
+    def _repr_html_(self) -> str:
+        from eladapt.display import inline
+
+        return inline.certificate(self)
+
     def __str__(self) -> str:
         cells = [("condition", "value", "limit", "holds")]
         cells += [(r.name, f"{r.value:.4g}", f"{r.limit:.4g}", "yes" if r.holds else "no") for r in self.rows]
@@ -85,7 +95,7 @@ class Certificate:
         sampled = f"mu_m = {mu_m:.4g}, mu_M = {mu_M:.4g}, L_c = {L_c:.4g}, k_Psi = {k_Psi:.4g}"
         notes = [f"{row.name}: {row.note}" for row in self.rows if row.note]
         head = [self.title, f"sampled estimates, no proofs: {sampled}", lines[0], rule]
-        return "\n".join([*head, *lines[1:], *notes])
+        return "\n".join([*head, *lines[1:], *notes, *meaning(self.rows)])
 
 
 def certify(

@@ -26,8 +26,9 @@ class Folders(NamedTuple):
     packages: list[Path]
 
     @classmethod
-    def of(cls, urdf: Path, package_dirs: Sequence[str | Path] = ()) -> Folders:
-        own = {urdf.parent.resolve(), urdf.resolve().parent}
+    def of(cls, urdf: Path | None, package_dirs: Sequence[str | Path] = ()) -> Folders:
+        """urdf: None for a file that is not there any more, and so opens no folder."""
+        own = set() if urdf is None else {urdf.parent.resolve(), urdf.resolve().parent}
         return cls(sorted(own), [Path(folder).resolve() for folder in package_dirs])
 
     def located(self, name: str) -> Path:
@@ -38,20 +39,32 @@ class Folders(NamedTuple):
             raise _refusal(name, f"{scheme}:// is not read; expected a path, package:// or file://", remedy)
         if not rest or "\0" in rest:
             raise _refusal(name, "names no file", "Give the path of a file, or remove the element")
-        folders = self.packages or self.own if scheme in PACKAGES else self.own
+        folders = self.packages or self.own if scheme in PACKAGES else self.own or self.packages
+        if not folders:
+            problem = "the robot file that names it is not there any more"
+            raise _refusal(name, problem, "Name the folder of its meshes in package_dirs (--package-dir)")
+        opened = [*self.own, *self.packages, *self._linked(rest)]
         texts = dict.fromkeys((rest, unquote(rest)))  # as it is, and without percent signs
         places = [_real(Path(os.path.abspath(folder / text))) for text in texts for folder in folders]
         found = [place for place in places if _exists(place)]
         for place in found or places:
-            if not any(place.is_relative_to(folder) for folder in (*self.own, *self.packages)):
+            if not any(place.is_relative_to(folder) for folder in opened):
                 problem = f"lies outside the folders that files may come from, at {place}"
-                remedy = f"Move it below {self.own[0]}, or name its folder in package_dirs (--package-dir)"
+                remedy = f"Move it below {opened[0]}, or name its folder in package_dirs (--package-dir)"
                 raise _refusal(name, problem, remedy)
         if not found:
             looked = ", ".join(sorted({str(place.parent) for place in places}))
             remedy = "Put it there, or name its folder in package_dirs (--package-dir)"
             raise _refusal(name, f"there is none in {looked}", remedy)
         return found[0]
+
+    def _linked(self, rest: str) -> list[Path]:
+        """Where links directly in the package_dirs lead whose name begins ``rest``: package folders, as a
+        workspace has them."""
+        name = rest.partition("/")[0]
+        if name in ("", ".", ".."):
+            return []
+        return [_real(link) for folder in self.packages if (link := folder / name).is_symlink()]
 
 
 class MeshUse(NamedTuple):

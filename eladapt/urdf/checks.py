@@ -46,19 +46,21 @@ SINGULAR = 1e-9
 POSTURES = 50
 
 
-def read_urdf(path: str | Path, edits: Edits | None = None) -> Element:
+def read_urdf(path: str | Path, edits: Edits | None = None, text: bytes | None = None) -> Element:
     """The <robot> element of a file from outside, read without entities and within bounds of size.
 
-    edits: what of it is to be another than in the file.
+    edits: what of it is to be another than in the file. text: what `read_bytes` read of it before; then the
+    file itself need not be there any more.
 
     Raises UrdfError for what is not a file, not XML, not a <robot>, or too large for a reader.
     """
     path = Path(path)
-    root = _parse_xml(path, edited_urdf(path, edits) if edits else _read_bytes(path))
+    text = read_bytes(path) if text is None else text
+    root = _parse_xml(path, edited_urdf(path, edits, text) if edits else text)
     for element in root.iter():
         for held in NUMBERS.get(element.tag, ()):  # blanks around numbers, tabs between, that others read
-            if (text := element.get(held.attribute)) is not None:
-                element.set(held.attribute, " ".join(text.split()))
+            if (given := element.get(held.attribute)) is not None:
+                element.set(held.attribute, " ".join(given.split()))
     if root.tag != "robot":
         raise _refusal(path, "root element", f"<{root.tag}>", "expected <robot>", "Convert the file to URDF")
     for tag, most in (("joint", MAX_JOINTS), ("link", MAX_JOINTS + 1)):
@@ -68,12 +70,11 @@ def read_urdf(path: str | Path, edits: Edits | None = None) -> Element:
     return root
 
 
-def edited_urdf(path: str | Path, edits: Edits) -> bytes:
-    """The file's text, with these edits and otherwise as it is.
+def edited_urdf(path: str | Path, edits: Edits, text: bytes) -> bytes:
+    """The text of a file, with these edits and otherwise as it is.
 
     Raises UrdfError as `read_urdf`, and what `edited` raises.
     """
-    text = _read_bytes(Path(path))
     _parse_xml(Path(path), text)
     return edited(_as_utf8(text), edits)
 
@@ -85,14 +86,16 @@ class Checked(NamedTuple):
     locked: tuple[str, ...]
 
 
-def check_urdf(path: str | Path, locked: Iterable[str] = (), edits: Edits | None = None) -> Checked:
+def check_urdf(
+    path: str | Path, locked: Iterable[str] = (), edits: Edits | None = None, text: bytes | None = None
+) -> Checked:
     """Refuse a URDF that is not a fixed-base tree of 1-DoF joints with finite numbers throughout.
 
     ``locked`` names the joints that are held, see `held_joints`; they are judged as such, and the element
     that is returned has them as `hold` leaves them. Raises UnknownNameError, and UrdfError with every fault
-    found; each names the element, the value and what to do.
+    found; each names the element, the value and what to do. text: as in `read_urdf`.
     """
-    root = read_urdf(path, edits)
+    root = read_urdf(path, edits, text)
     if unexpanded := list(_unexpanded(root)):  # what else such a file holds is not what it will hold
         raise UrdfError(path, unexpanded)
     held = held_joints(root, locked)
@@ -123,7 +126,8 @@ def _refusal(path: Path, element: str, value: str, problem: str, remedy: str) ->
     return UrdfError(path, [Finding(element, value, problem, remedy)])
 
 
-def _read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
+    """What is in a robot file. Raises UrdfError for what is no file, cannot be read or is too large."""
     try:
         if not path.is_file():
             problem = "is a folder" if path.is_dir() else "is not a file"

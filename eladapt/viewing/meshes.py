@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import coal
@@ -12,10 +13,11 @@ import numpy as np
 import pinocchio as pin
 from meshcat import geometry as draw
 
-from eladapt.errors import MeshError, MeshWarning
+from eladapt.errors import MeshError, MeshWarning, UrdfError
 from eladapt.meshes.mesh import Mesh, read_mesh
 from eladapt.robot.model import Robot
 from eladapt.urdf.assets import Folders, MeshUse
+from eladapt.urdf.checks import read_urdf
 
 MOST_TOGETHER = 1_000_000  # triangles of a robot's meshes; each has a part in what the page keeps
 SHOWN = 8  # refused meshes named in a warning
@@ -57,7 +59,7 @@ def shapes_of(model: pin.GeometryModel, forms: dict[str, Mesh | None]) -> list[V
 
 def meshes_of(robot: Robot, uses: dict[str, MeshUse]) -> dict[str, Mesh | None]:
     """The meshes by the names of the shapes that they are. One that is refused is None, and is warned of."""
-    folders, left = Folders.of(robot.path, robot.package_dirs), MOST_TOGETHER
+    folders, left = Folders.of(_robot_file(robot), robot.package_dirs), MOST_TOGETHER
     read = functools.cache(lambda use: read_mesh(folders.located(use.filename), use.scale))
     meshes: dict[str, Mesh | None] = {}
     refused = []
@@ -77,6 +79,16 @@ def meshes_of(robot: Robot, uses: dict[str, MeshUse]) -> dict[str, Mesh | None]:
         said = f"{robot.path}: drawn without {'; '.join(refused[:SHOWN])}{rest}"
         warnings.warn(said, MeshWarning, stacklevel=2)
     return meshes
+
+
+def _robot_file(robot: Robot) -> Path | None:
+    """The robot's file; None where there is none any more. A record brings the text of one along, and the
+    name of a folder that it may never have been in."""
+    try:
+        read_urdf(robot.path)
+    except UrdfError:
+        return None
+    return robot.path
 
 
 def drawn(shape: Visual, total: int) -> Iterator[Drawn]:

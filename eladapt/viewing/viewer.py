@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, overload
 
@@ -36,7 +36,14 @@ class View:
 
     url: str
     path: Path | None = None
-    server: PageServer | None = None
+    server: PageServer | None = field(default=None, repr=False)
+
+    def _repr_html_(self) -> str:
+        """The page itself, in a notebook: it outlives the server, and needs no way to it."""
+        from eladapt.display.inline import frame
+
+        page = self.server.page.decode("utf-8") if self.server is not None else ""
+        return frame(page or Path(str(self.path)).read_text(encoding="utf-8"), self.url)
 
     def wait(self) -> None:
         """Keep serving until Ctrl-C, then close. Returns at once for a file."""
@@ -66,7 +73,8 @@ def view(
     shown: Record | Robot, html: str | Path | None = None, *, speed: float = 1.0, loop: bool = True,
     port: int = 0, live: bool = False, load: Callable[[Any], Any] | None = None,
 ) -> View | LiveView:  # fmt: skip
-    """Show the motion in a browser, or write it to a self-contained file when ``html`` is a path.
+    """Show the motion in a browser, or write it to a self-contained file when ``html`` is a path. A notebook
+    shows it where a cell ends with the view.
 
     speed: 1 is real time, 0.5 is half of it. loop: start again at the end; the page's "Open Controls >
     Animations" has start, stop, time and speed as well. port: of the loopback server, 0 for one that is
@@ -81,7 +89,8 @@ def view(
     Meshes are read from the URDF's own folder and from the robot's ``package_dirs``, which for a record that
     was loaded are those given to `Record.load`. The view goes on without one that is refused, with a
     MeshWarning that names it. Raises ArgumentError for a record without motion, a file name that does not end
-    in .html, and a port that cannot be had; UrdfError for a URDF that is not there any more, or broken.
+    in .html, and a port that cannot be had; UrdfError for the URDF of an older record, which does not hold
+    it, that is not there any more, and for a broken one.
     """
     if live:
         if not isinstance(shown, Robot) or html is not None:

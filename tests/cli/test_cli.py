@@ -1,7 +1,9 @@
 """The command line, run as a new user would: it does what it says, or says in one line what is wrong."""
 
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -62,7 +64,11 @@ WRONG = [
     (("report",), 2, "RECORD"),
     # what is wrong with a robot, a file or a number: 1
     (("check", "nowhere.urdf"), 1, "nowhere.urdf: does not exist"),
-    (("check", "pandaa"), 1, "unknown robot 'pandaa'; legal names: asr_twodof"),
+    (("check", "pandaa"), 1, "unknown robot 'pandaa' (did you mean 'panda'?); legal names: asr_twodof"),
+    (("rn",), 2, "invalid choice: 'rn' (did you mean 'run'?) (choose from robots, check, run"),
+    (("run", "two_link", "--plant", "mujoko"), 2, "(did you mean 'mujoco'?)"),
+    (("run", "two_link", "--payloda", "2"), 2, "--payloda 2 (did you mean '--payload'?) (see: eladapt run "),
+    (("run", "two_link", "--view", "--json"), 1, "--live, --view: expected without --quiet and --json"),
     (("check", "."), 1, "is a folder"),
     (("check", "not.urdf"), 1, "expected XML"),
     (("check", "loose.urdf"), 1, "faults, listed above"),
@@ -149,7 +155,7 @@ def test_the_faults_of_a_urdf_are_listed(files, monkeypatch, capsys):
     assert 'link="nowhere"' in listed
 
 
-@pytest.mark.parametrize("command", ["", "robots", "check", "run", "report", "doctor"])
+@pytest.mark.parametrize("command", ["", "robots", "check", "run", "report", "doctor", "completion"])
 def test_help_has_an_example_that_runs(command, capsys):
     """Every example's command line is one that the parser takes."""
     with pytest.raises(SystemExit) as left:
@@ -235,8 +241,10 @@ def test_a_run_says_what_became_of_the_limits(tmp_path, monkeypatch, capsys):
     assert re.search(r"\nfault: sensor at t = 0\.0\d+ s: .* off where its velocity leads", said)
     assert ea.Record.load("out/asr_twodof.npz").faults[0].name == "sensor"
     assert main((line + "--jump").split()) == 0
-    said = capsys.readouterr().out
-    assert re.search(r"\nlargest speed: 3\d\d% of the limit, J2 at 0\.00\d s, above it for 0\.\d+ s\n", said)
+    said, warned = capsys.readouterr()
+    fast = r"3\d\d% of the limit, J2 at 0\.00\d s, above it for 0\.\d+ s\n"
+    assert re.search(r"\nlargest speed: " + fast, said)
+    assert re.search(r"warning: a speed limit was exceeded: " + fast, warned)
     assert "\nfault: not recorded\n" in said
 
 
@@ -276,6 +284,89 @@ def test_a_run_that_diverges_keeps_what_happened(tmp_path, monkeypatch, capsys):
     assert "diverged" in error
     assert "two_link.npz" in error
     assert 40 < len(ea.Record.load("out/two_link.npz")) < 60
+
+
+def test_ctrl_c_keeps_the_run(tmp_path, monkeypatch, capsys):
+    """One line, the code of a shell, and the record up to there."""
+    monkeypatch.chdir(tmp_path)
+    from eladapt.simulation.plants import PinocchioPlant
+
+    step = PinocchioPlant.step
+
+    def interrupted(self, tau, dt):
+        if self.t > 0.05:
+            raise KeyboardInterrupt
+        return step(self, tau, dt)
+
+    monkeypatch.setattr(PinocchioPlant, "step", interrupted)
+    assert main(["run", "two_link", "--duration", "1"]) == 130
+    said, warned = capsys.readouterr()
+    assert said == ""
+    assert warned.count("\n") == 1
+    assert re.search(r"interrupted at 0\.05\d? s; what happened until then is in out/two_link\.npz", warned)
+    assert 40 < len(ea.Record.load("out/two_link.npz")) < 60
+
+
+def test_what_is_asked_for_as_json_is_nothing_else(tmp_path, monkeypatch, capsys):
+    """Of a run: the metrics, null where there is no limit; with --quiet not even that."""
+    monkeypatch.chdir(tmp_path)
+    line = ["run", "two_link", "--duration", "0.05", "--no-certificates"]
+    assert main([*line, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["written"]) == {"record", "plot", "report"}
+    assert found["metrics"]["speed"]["value"] is None
+    assert found["metrics"]["steady_error"] == pytest.approx(ea.Record.load("out/two_link.npz").metrics()[1])
+    assert found["friction"]["joints"] == ["shoulder", "elbow"]
+    assert main([*line, "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_a_program_reads_what_there_is_and_what_a_urdf_is_good_for(capsys):
+    assert main(["robots", "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)) == ea.robots()
+    assert main(["check", "two_link", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    robot = ea.Robot.load("two_link")
+    assert [joint["effort"] for joint in found["joints"]] == [None, None], "none is set"
+    assert found["gains"]["P"] == pytest.approx(ea.CompositeController.for_robot(robot).gains.P.tolist())
+    assert len(found["base_parameters"]) == len(ea.Regressors(robot))
+
+
+def test_the_version_is_the_packages(capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["--version"])
+    assert left.value.code == 0
+    assert capsys.readouterr().out == f"eladapt {ea.__version__}\n"
+
+
+def test_a_shell_completes_commands_options_and_robots(tmp_path, capsys):
+    """By the script that `eladapt completion bash` prints, in a bash."""
+    pytest.importorskip("shtab")
+    if (bash := shutil.which("bash")) is None:
+        pytest.skip("no bash")
+    assert main(["completion", "bash"]) == 0
+    (tmp_path / "script").write_text(capsys.readouterr().out)
+    for typed, expected in (("id", "identify"), ("run pan", "panda"), ("run panda --payl", "--payload")):
+        words = ["eladapt", *typed.split()]
+        ask = (
+            f"source ./script; COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _shtab_eladapt; "
+        )
+        done = subprocess.run([bash, "-c", ask + 'echo "${COMPREPLY[@]}"'], capture_output=True, text=True,
+                              cwd=tmp_path)  # fmt: skip
+        assert done.stdout.split() == [expected]
+
+
+def test_no_bar_is_in_a_log_and_no_mesh_is_needed(tmp_path):
+    """Of a run whose meshes are nowhere, with stderr in a file: the metrics, and warnings line by line."""
+    path, visual = named(tmp_path, "arm"), "<visual><geometry><mesh filename='no.stl'/></geometry></visual>"
+    path.write_text(path.read_text().replace("</link>", visual + "</link>"))
+    done = run("run", path, "--duration", "0.2", "--no-certificates", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "largest speed: " in done.stdout
+    assert "warning: " in done.stderr
+    assert "no.stl" in done.stderr
+    assert "\r" not in done.stderr + done.stdout
+    assert "%|" not in done.stderr
 
 
 def test_live_shows_the_run_while_it_goes_on(tmp_path, monkeypatch, capsys):

@@ -4,6 +4,7 @@ import base64
 import contextlib
 import json
 import os
+import pickle
 import re
 import struct
 import subprocess
@@ -16,6 +17,7 @@ import eladapt as ea
 from eladapt.cli import main
 from eladapt.display.report import report
 from eladapt.errors import MeshWarning, RecordError
+from eladapt.urdf.editing import Edits
 from eladapt.viewing import meshes as drawing
 from eladapt.viewing.scene import visuals_of
 
@@ -180,7 +182,47 @@ def test_a_record_opens_no_folder_by_itself(folder, record_of, capsys):
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("source", [{"urdf": 5}, {"urdf": "a.urdf", "wings": 2}, {"urdf": "a", "locked": 5}])
+def test_a_record_brings_its_urdf_along(folder, record_of, tmp_path, capsys):
+    """The file is gone: its text makes the same robot. Its meshes come from where the opener says; the folder
+    that it once was in opens nothing, since whoever made the record may name any."""
+    (folder / "canary.stl").write_bytes(stl(CANARY))
+    robot = arm(folder, "canary.stl")
+    path = record_of(robot).save(folder / "run.npz")
+    robot.path.unlink()
+    record = ea.Record.load(path)
+    assert ea.Robot.from_source(record.robot_source).model == robot.model
+    with pytest.warns(MeshWarning, match="is not there any more. Name the folder"):
+        page = report(record, tmp_path / "r.html").read_text("utf-8")
+    assert not holds(page, CANARY)
+    assert "Not drawn" not in page
+    with_folder = ea.Record.load(path, [folder])
+    assert holds(report(with_folder, tmp_path / "r.html").read_text("utf-8"), CANARY)
+    assert main(["report", str(path), "--out", str(tmp_path / "c.html"), "--no-animation"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_robot_is_what_was_read(folder):
+    """Whatever becomes of its file: its document, its edits and its pickle."""
+    robot = arm(folder)
+    before = robot.document().find("link[@name='link']/inertial/mass").get("value")
+    robot.path.write_text(robot.path.read_text().replace('mass value="1"', 'mass value="7"'))
+    assert robot.document().find("link[@name='link']/inertial/mass").get("value") == before
+    assert pickle.loads(pickle.dumps(robot)).document().find("link[@name='link']/inertial/mass") is not None
+    assert robot.edited(Edits({}, {"hinge": {"damping": 0.5}})).model.inertias[1].mass == 1
+    assert robot.link_names == ("link",)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        {"urdf": 5},
+        {"urdf": "a.urdf", "wings": 2},
+        {"urdf": "a", "locked": 5},
+        {"urdf": "a", "text": "<no>"},
+        {"urdf": "a", "text": 5},
+        {"urdf": "a", "text": "\u20ac"},
+    ],
+)
 def test_a_record_that_names_no_robot_is_refused(record_of, tmp_path, source):
     path = record_of("two_link", robot_source=source).save(tmp_path / "run.npz")
     with pytest.raises(ea.EladaptError):

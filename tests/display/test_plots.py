@@ -63,7 +63,8 @@ def test_records_side_by_side_have_common_axes_that_hold_every_curve(record_of):
             assert left.get_ylim() == right.get_ylim()
             for line in [*left.lines, *right.lines]:
                 if len(line.get_ydata()) > 2:
-                    assert left.get_ylim()[0] <= line.get_ydata().min()
+                    least = line.get_ydata().min()  # below 1e-12 a curve leaves a logarithmic axis
+                    assert left.get_ylim()[0] <= (max(least, 1e-12) if left.get_yscale() == "log" else least)
                     assert left.get_ylim()[1] >= line.get_ydata().max()
 
 
@@ -94,7 +95,7 @@ def test_a_fault_is_a_line_through_all_panels_with_its_name_at_the_first(record_
     for axes in ea.plot(faulty).axes:
         assert any(set(line.get_xdata()) == {0.25} for line in axes.lines)
     first = panels(ea.plot(faulty))["position error"]
-    assert [text.get_text().strip() for text in first.texts] == ["velocity, 0.25 s"]
+    assert [text.get_text() for text in first.texts] == ["velocity, 0.25 s"]
     whole = ea.plot([faulty, record]).axes
     for with_it, without in zip(whole[::2], whole[1::2], strict=True):
         assert len(with_it.lines) == len(without.lines) + 1
@@ -130,8 +131,8 @@ def test_limits_close_to_each_other_share_a_label(record_of):
     record = record_of("two_link")
     record.v[:] = 1.0
     for limits, said in (
-        ([1.9, 1.92], ["limit of joints 1, 2"]),
-        ([1.0, 1.9], ["limit of joint 1", "limit of joint 2"]),
+        ([1.9, 1.92], ["limit of shoulder, elbow"]),
+        ([1.0, 1.9], ["limit of shoulder", "limit of elbow"]),
     ):
         axes = panels(ea.plot(dataclasses.replace(record, velocity_limit=np.array(limits))))["velocity"]
         assert [line.get_ydata()[0] for line in axes.lines[2:]] == limits
@@ -144,10 +145,12 @@ def test_a_law_without_gates_shows_what_is_known_of_gravity(record_of):
     known = np.column_stack([np.linspace(0, 1, 31), np.linspace(0, 0.9, 31), np.linspace(0, 0.2, 31)])
     drawn = panels(ea.plot(dataclasses.replace(record, excitation=known)))
     assert not any("zeta" in title or "Delta" in title for title in drawn)
-    lines = drawn["known of gravity, by direction"].lines
+    title = "known of gravity, a line for each of 2 directions"
+    lines = drawn[title].lines
+    assert len({line.get_color() for line in lines}) == 1, "a direction has no name that a colour could mean"
     for line, column in zip(lines, known[:, 1:].T, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), column)
-    assert "known of gravity, by direction" not in panels(ea.plot(record))
+    assert title not in panels(ea.plot(record))
 
 
 def test_a_goal_that_moves_is_drawn_dashed(record_of):
@@ -222,6 +225,90 @@ def test_what_cannot_be_drawn_is_refused(record_of, tmp_path, arguments, message
     with pytest.raises(ea.EladaptError, match=message):
         ea.plot(*arguments(record_of("two_link"), tmp_path))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_figure_for_a_paper_is_as_wide_as_a_column_and_made_of_lines(record_of, tmp_path):
+    """Letters that can be searched, no picture of pixels, and curves that differ without their colours."""
+    record = record_of("panda", n_parameters=12)
+    figure = ea.plot(record, tmp_path / "run.pdf", style="paper", panels=["error", "torque"])
+    assert figure.get_figwidth() == 3.45  # in: a column of IEEE's journals has 3.5
+    assert list(panels(figure)) == ["position error", "torque"], "these, in this order"
+    pdf = (tmp_path / "run.pdf").read_bytes()
+    assert b"/Subtype /Image" not in pdf
+    assert b"/Type3" not in pdf, "such letters are refused by many journals"
+    assert b"STIX" in pdf
+    for axes in figure.axes:
+        assert len({line.get_marker() for line in axes.lines}) == 7, "seven joints that differ in grey"
+
+
+def test_what_is_written_into_a_panel_is_on_no_curve(record_of):
+    """The time of arrival and the limits, whose corners are compared with every curve."""
+    record = record_of("panda")
+    record.v[:] = np.linspace(-1, 1, 7) * np.sin(6 * record.t)[:, None]
+    limits = np.full(7, np.inf)
+    limits[[0, 6]] = 1.3, 1.5
+    figure = ea.plot(dataclasses.replace(record, velocity_limit=limits))
+    figure.draw_without_rendering()
+    drawn, written = panels(figure), 0
+    for title in ("size of the position error", "velocity"):
+        axes = drawn[title]
+        for text in axes.texts:
+            written += 1
+            box = text.get_window_extent()
+            for line in axes.lines:
+                if len(line.get_xdata()) > 2:
+                    points = axes.transData.transform(np.column_stack(line.get_data()))
+                    assert not any(box.contains(*point) for point in points), text.get_text()
+    assert written == 3
+
+
+def test_what_is_below_rounding_leaves_the_axis(record_of):
+    """No curve lies at 1e-12 that is not there: the axis ends, and curves go on below it."""
+    record = record_of("two_link")
+    axes = panels(ea.plot(record))["size of the position error"]
+    assert record.error[-1, 0] == 0
+    assert axes.get_ylim()[0] == 1e-12
+    assert axes.lines[0].get_ydata()[-1] < 1e-20
+
+
+def test_estimates_are_named_by_the_link_of_their_largest_term(record_of):
+    """All terms on request; a label of one's own stays as it is."""
+    labels = ("2.83 (my(elbow) - mz(elbow) + ...)", "3 (mx(shoulder))", "my own")
+    record = record_of("two_link", parameter_labels=labels, link_names=("upper", "fore"))
+    for full, said in (
+        (False, ["1: my(fore), ...", "2: mx(upper)", "3: my own"]),
+        (True, [f"{k}: {label}" for k, label in enumerate(labels, 1)]),
+    ):
+        legend = ea.plot(record, full_names=full).legends[1]
+        assert sorted(text.get_text() for text in legend.get_texts()) == said
+
+
+def test_nothing_is_drawn_where_a_record_has_nothing(record_of):
+    """An axis without curves would look like a run at rest; time is below the last panel that is one."""
+    bare = record_of("two_link", n_parameters=0, parameters_true=None, delta=None, zeta=None)
+    grid = np.array(ea.plot([record_of("two_link"), bare]).axes).reshape(-1, 2)
+    shown = [axes.axison for axes in grid[:, 1]]
+    assert shown == [True] * 4 + [False] * 4
+    assert [axes.get_xlabel() for axes in grid[:, 1] if axes.axison] == [""] * 3 + ["time [s]"]
+    assert {text.get_text() for axes in grid[4:, 1] for text in axes.texts} == {
+        "nothing is estimated", "not recorded"
+    }  # fmt: skip
+
+
+def test_a_notebook_shows_a_figure(record_of):
+    assert ea.plot(record_of("two_link"))._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"style": "papr"}, "unknown style 'papr' .did you mean 'paper'"),
+        ({"panels": ["speed"]}, "error, arrival"),
+    ],
+)
+def test_styles_and_panels_have_names(record_of, options, said):
+    with pytest.raises(ea.EladaptError, match=said):
+        ea.plot(record_of("two_link"), **options)
 
 
 def test_labels_are_one_a_record(record_of):

@@ -1,6 +1,9 @@
 """What was identified is a robot, and a file: read back it makes the same torques, and MuJoCo takes it."""
 
+import io
+import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -80,7 +83,7 @@ def test_the_report_says_what_was_found(identified, tmp_path):
     assert "http-equiv" in page
 
 
-def test_the_curves_of_a_page_have_gaps_and_one_look_each(tmp_path, monkeypatch):
+def test_the_curves_of_a_page_have_gaps_and_one_look_each(monkeypatch):
     """Of a log by a clock that counts from 1970, of which single precision knows 128 s."""
     robot, log = load("two_link"), known_log(load("two_link"), 8.0, dt=4e-3)
     kept = (log.t < 3) | (log.t > 4)
@@ -88,9 +91,9 @@ def test_the_curves_of_a_page_have_gaps_and_one_look_each(tmp_path, monkeypatch)
     found = ea.identify(robot, ea.Log(1.7e9 + log.t[kept], **parts), held_out=0, progress=False)
     pages = {}
     monkeypatch.setattr(
-        "eladapt.display.identification_report.write_page", lambda path, title, shown: pages.update(shown)
+        "eladapt.display.identification_report.made", lambda title, shown: pages.update(shown)
     )
-    found.report(tmp_path / "page.html")
+    found.report()
     looks = {}
     for name in ("Torques", "Residuals"):
         figures = [figure for figure, *_ in pages[name].children]
@@ -131,6 +134,31 @@ def test_the_command(tmp_path, capsys):
     assert page.stat().st_size > 10_000
     assert main(["check", str(new)]) == 0
     assert ea.Robot.from_urdf(new).damping == pytest.approx(np.full(6, 0.4), abs=0.1)
+
+
+def test_the_command_says_a_remark_once_and_writes_before_it_speaks(tmp_path, capsys, monkeypatch):
+    """A log of one joint that stands still, into a pipe that was closed: the files are there all the same."""
+    log = known_log(load("two_link"), 6.0, dt=4e-3)
+    rows = np.column_stack([log.t, log.q[:, 0], 0 * log.t, log.velocity[:, 0], 0 * log.t, log.tau])
+    path, page = tmp_path / "log.csv", tmp_path / "page.html"
+    np.savetxt(path, rows, delimiter=",", header="t,q1,q2,dq1,dq2,tau1,tau2", comments="")
+    line = ["identify", "two_link", str(path), "--joint", "shoulder", "--joint", "elbow"]
+    assert main(line) == 0
+    said, warned = capsys.readouterr()
+    assert said.count("elbow stands still") == 1
+    assert "stands still" not in warned
+    assert main([*line, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["errors"].keys() >= {"URDF", "identified"}
+    assert set(found["parameters"][0]) == {"label", "value", "std", "physical"}
+
+    def closed(*_, **__):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("eladapt.cli.identifying.say", closed)
+    monkeypatch.setattr(sys, "stderr", io.StringIO())  # which `main` closes then
+    assert main([*line, "--report", str(page)]) == 1
+    assert page.stat().st_size > 10_000
 
 
 def test_the_command_takes_columns_by_number_name_and_pattern(tmp_path, capsys):

@@ -3,6 +3,7 @@
 import dataclasses
 import re
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -149,10 +150,28 @@ def test_a_log_that_the_parameters_do_not_explain_is_doubted():
     assert not ea.identify(robot, log, progress=False).notes
 
 
+def test_where_no_bodies_fit_the_rest_is_there(monkeypatch, tmp_path):
+    """Torques of the other sign: least squares stay, what is missing is said, and asking for it says why."""
+    from eladapt.identification import physical
+
+    robot, log = load("two_link"), known_log(load("two_link"), 8.0, noise=0.01, sign=-1)
+    answer = SimpleNamespace(status=physical.clarabel.SolverStatus.PrimalInfeasible)
+    hopeless = SimpleNamespace(solve=lambda: answer)
+    monkeypatch.setattr(physical.clarabel, "DefaultSolver", lambda *_: hopeless)
+    with pytest.warns(LogWarning, match=r"there are no bodies that can be and fit .*sign"):
+        found = ea.identify(robot, log, progress=False)
+    assert found.physical is None
+    assert found.errors["identified"].filtered[-1] < 0.05  # what noise of 0.01 N m leaves of some N m
+    assert any("no bodies that can be" in note for note in found.notes)
+    assert found.report(tmp_path / "page.html").stat().st_size > 10_000
+    with pytest.raises(EladaptError, match=r"no physical parameters: .* found\.notes says"):
+        found.save_urdf(tmp_path / "arm.urdf")
+
+
 def test_a_library_that_is_missing_is_said_before_the_work(monkeypatch):
     monkeypatch.setitem(sys.modules, "clarabel", None)
     monkeypatch.delitem(sys.modules, "eladapt.identification.physical", raising=False)
-    with pytest.raises(EladaptError, match=r'pip install "eladapt\[identify\]"'):
+    with pytest.raises(EladaptError, match=r"need clarabel, which is not installed"):
         ea.identify(load("ur5"), "a log that would be refused")
     with pytest.raises(ArgumentError, match="expected a Log"):
         ea.identify(load("ur5"), "a log that would be refused", physical=False)

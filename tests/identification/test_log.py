@@ -1,6 +1,7 @@
 """A log is what a recording tells, by documented rules, and says what it lacked."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -109,10 +110,62 @@ def test_joints_are_found_by_name_in_any_order():
 def test_a_joint_that_the_log_lacks_is_named():
     robot = load("ur5")
     t, q, v, tau = table(joints=6)
-    with pytest.raises(UnknownNameError, match=f"unknown joint of the log '{robot.joint_names[2]}'"):
+    with pytest.raises(UnknownNameError, match=f"unknown joint of the log '{robot.joint_names[2]}'") as said:
         ea.Log(t, q, v, tau, [*robot.joint_names[:2], "elbow?", *robot.joint_names[3:]]).of(robot)
+    assert str(said.value).endswith("in their order: joint_names= (--joint)"), "what to do"
     with pytest.raises(ArgumentError, match=r"expected 6 joints.*got 2"):
         ea.Log(*table()).of(robot)
+
+
+SLIDER = """<robot name="slider"><link name="base"/><link name="arm">{0}</link><link name="slide">{0}</link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="50" velocity="3"/></joint>
+<joint name="push" type="prismatic"><parent link="arm"/><child link="slide"/><axis xyz="1 0 0"/>
+<limit lower="0" upper="0.5" effort="80" velocity="0.4"/></joint></robot>""".format(
+    '<inertial><mass value="2"/><origin xyz="0.1 0 0.2"/>'
+    '<inertia ixx="0.03" iyy="0.04" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial>'
+)  # fmt: skip
+
+
+@pytest.fixture
+def slider(tmp_path):
+    """An arm of which one joint turns and one slides."""
+    (tmp_path / "slider.urdf").write_text(SLIDER)
+    return ea.Robot.from_urdf(tmp_path / "slider.urdf")
+
+
+def test_degrees_are_of_joints_that_turn(slider, tmp_path):
+    """Metres stay metres; a turn is 360 where positions jump by one; a plot says which unit it has."""
+    t, q, v, tau = table(joints=2)
+    jumping = np.rad2deg(np.unwrap(np.angle(np.exp(1j * (q[:, 0] + 5 * t)))))
+    given = np.column_stack([(jumping + 180) % 360 - 180, q[:, 1]])
+    log = ea.Log(t, given, np.column_stack([np.rad2deg(v[:, 0] + 5), v[:, 1]]), tau, ("turn", "push"),
+                 degrees=True)  # fmt: skip
+    assert "position [degrees]" in [axes.get_title(loc="left") for axes in log.plot().axes]
+    known = log.of(slider)
+    assert not known.degrees
+    whole = np.unwrap(np.angle(np.exp(1j * (q[:, 0] + 5 * t))))
+    assert known.q[:, 0] == pytest.approx(whole, abs=1e-12)  # radians of some turns, rounded
+    assert known.velocity[:, 0] == pytest.approx(v[:, 0] + 5, rel=1e-15)
+    assert np.array_equal(known.q[:, 1], q[:, 1])
+    assert np.array_equal(known.velocity[:, 1], v[:, 1])
+    assert known.of(slider).q[:, 0] == pytest.approx(whole, abs=1e-12), "once is enough"
+
+
+def test_remarks_have_the_unit_of_the_joint(slider):
+    """A slide is fast in m/s and strong in N, and is never asked about degrees."""
+    t = np.linspace(0, 4, 401)
+    q = np.column_stack([np.sin(t), 20 * np.sin(t)])
+    v = np.column_stack([np.cos(t), 20 * np.cos(t)])
+    said = ea.Log(t, q, v, np.column_stack([np.cos(t), 900 * np.cos(t)]), ("turn", "push")).check(slider)
+    assert "push reaches 20 m/s; its limit is 0.4" in said
+    assert any(text.startswith("push: its torque reaches 900 N, beyond") for text in said)
+    assert any(
+        text.startswith("push goes from -15.14 to 20, beyond") and "degrees" not in text for text in said
+    )
+    wrong = ea.Log(t, q, np.rad2deg(v), np.ones((401, 2)), ("turn", "push")).check(slider)
+    assert any(re.search(r"turn: .* times the derivative .*; degrees\?", text) for text in wrong)
+    assert not any(re.search(r"push: .* degrees", text) for text in wrong)
 
 
 def test_the_last_part_is_held_out():

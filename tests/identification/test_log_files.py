@@ -176,7 +176,8 @@ def test_columns_are_as_the_user_says(tmp_path):
 
 def test_degrees_become_radians(tmp_path):
     rows = numbers()
-    log = ea.Log.read(written(tmp_path / "log.csv", rows), degrees=True)
+    log = ea.Log.read(written(tmp_path / "log.csv", rows), degrees=True, joint_names=("shoulder", "elbow"))
+    log = log.of(ea.Robot.load("two_link"))
     assert np.allclose(log.q, np.deg2rad(rows[:, 1:3]), rtol=1e-15)
     assert np.allclose(log.velocity, np.deg2rad(rows[:, 3:5]), rtol=1e-15)
     assert np.array_equal(log.tau, rows[:, 5:7])
@@ -272,8 +273,8 @@ def test_a_record_is_a_log(tmp_path):
     assert log.joint_names == record.joint_names
 
 
-def bag(path, messages, topics=("/joint_states",)):
-    """A ROS 2 bag of (time, names, position, velocity, effort)."""
+def bag(path, messages, topics=("/joint_states",), stamped=True):
+    """A ROS 2 bag of (time, names, position, velocity, effort); the headers' stamps are 0 without stamped."""
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -286,8 +287,9 @@ def bag(path, messages, topics=("/joint_states",)):
         connections = [writer.add_connection(topic, kind, typestore=store) for topic in topics]
         for t, names, *parts in messages:
             nanoseconds = round(1e9 * t)
+            at = stamp(*divmod(nanoseconds, 10**9)) if stamped else stamp(0, 0)
             message = state(
-                header(stamp(nanoseconds // 10**9, nanoseconds % 10**9), ""), list(names),
+                header(at, ""), list(names),
                 *(np.array(part, dtype=float) for part in parts),
             )  # fmt: skip
             for connection in connections:
@@ -305,6 +307,15 @@ def test_a_bag_is_read_by_joint_names(tmp_path):
     assert np.array_equal(log.tau, rows[:, 5:7])
     assert log.notes == ("5 messages lack some of these joints, and were left out",)
     assert np.array_equal(ea.Log.read(tmp_path / "bag", joint_names=("b", "a")).q, rows[:, [2, 1]])
+
+
+def test_a_bag_whose_stamps_nobody_set_has_the_times_of_its_recording(tmp_path):
+    rows = numbers()
+    bag(tmp_path / "bag", [(5 + r[0], ("a", "b"), *r[1:].reshape(3, 2)) for r in rows], stamped=False)
+    log = ea.Log.read(tmp_path / "bag")
+    assert np.allclose(log.t, rows[:, 0], atol=1e-9)  # nanoseconds
+    assert np.array_equal(log.tau, rows[:, 5:7])
+    assert log.notes == ("no message has a stamp: times are those at which the bag recorded them",)
 
 
 def test_a_bag_without_velocities_or_with_several_topics(tmp_path):

@@ -93,7 +93,10 @@ def test_a_controller_of_ones_own_is_simulated_and_recorded():
 
 
 def test_what_no_record_holds_is_refused_by_name():
-    with pytest.raises(UnknownNameError, match=r"entry of recorded 'thteta'; legal names: parameters, theta"):
+    with pytest.raises(
+        UnknownNameError,
+        match=r"entry of recorded 'thteta' \(did you mean 'theta'\?\); legal names: par",
+    ):
         run(Chatty(load("two_link")))
 
 

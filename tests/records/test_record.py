@@ -108,6 +108,35 @@ def test_metrics_of_a_known_signal(record):
     assert metrics.control_energy == pytest.approx(np.sum(tau**2) * 1e-3)
 
 
+def test_a_parameter_that_should_be_zero_counts_by_the_torque_that_its_error_makes(record):
+    """Two parameters, of which one is 0: settled when the whole error is within 1 % of the whole torque, and
+    not before, and never where it is not."""
+    t = np.linspace(0, 2, 2001)
+    error = np.where(t < 1, 0.02, 0.005)
+    made = dataclasses.replace(
+        record, t=t, parameters=np.column_stack([1 + 0 * t, error]), parameters_true=np.array([1.0, 0.0]),
+        n_potential=2, dt=1e-3,
+    )  # fmt: skip
+    assert made.parameter_settling() == pytest.approx(1.0)
+    assert made.parameter_settling(0.004) == np.inf
+    nothing = dataclasses.replace(made, parameters_true=np.zeros(2))
+    assert nothing.parameter_settling() == np.inf, "where there is no torque, any error is too much"
+
+
+def test_what_is_said_of_rest_is_of_rest(record):
+    """A run that ends half a second after it settled: the motion before is neither error nor ripple."""
+    t = np.linspace(0, 2, 2001)
+    left = np.clip(1.5 - t, 0, 1)[:, None]
+    made = dataclasses.replace(record, t=t, error=left + 1e-6, tau=30 * left + 0.0, dt=1e-3)
+    metrics = made.metrics()
+    assert metrics.arrived
+    assert metrics.steady_error < 1e-3
+    assert metrics.chatter < 0.03  # N m, 30 N m/rad on the last millirad
+    moving = dataclasses.replace(made, error=left + 0.1).metrics()
+    assert not moving.arrived
+    assert moving.steady_error == pytest.approx(0.6, abs=1e-3)
+
+
 def test_the_fastest_joint_is_named_with_its_share_and_its_time(record):
     """The share counts, not the speed; joints without a limit do not, nor what no sensor could read."""
     v = np.zeros_like(record.v)

@@ -121,7 +121,7 @@ def test_massless_and_absent_inertia_are_refused(tmp_path):
 
 
 def test_unknown_robots_and_frames_list_the_legal_names(tmp_path):
-    with pytest.raises(UnknownNameError, match=r"'pandaa'; legal names: .*panda"):
+    with pytest.raises(UnknownNameError, match=r"'pandaa' \(did you mean 'panda'\?\); legal names: .*panda"):
         ea.Robot.load("pandaa")
     with pytest.raises(UnknownNameError, match=r"'hand'; legal names: .*link1"):
         ea.Robot.from_urdf(urdf(tmp_path, joint(0, "continuous")), tool="hand")

@@ -88,7 +88,7 @@ def test_what_was_weighed_or_mended_stays_so(tmp_path):
         (Edits({}, {"x": {"damping": 1.0}}), "unknown joint 'x'; legal names: j, k"),
         (
             Edits({}, {"j": {"dampping": 1.0}}),
-            "unknown dynamics of j 'dampping'; legal names: damping, friction",
+            r"unknown dynamics of j 'dampping' \(did you mean 'damping'\?\); legal names: damping, friction",
         ),
         (Edits({"c": BODY[:9]}), r"inertials of c: expected shape \(10,\)"),
         (Edits({"c": [np.nan] * 10}), "inertials of c: expected finite"),

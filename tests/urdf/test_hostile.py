@@ -310,6 +310,16 @@ def test_a_package_folder_may_be_anywhere_but_not_left(tmp_path):
         urdf.write_text(meshed("package://arm/../../secret.stl"))
         with pytest.raises(MeshWarning, match="lies outside the folders"):
             drawn(urdf, tmp_path / folder)
+    (tmp_path / "share").mkdir()  # as a workspace has it, whose packages are links to their sources
+    (tmp_path / "share" / "arm").symlink_to(tmp_path / "packages" / "arm")
+    urdf.write_text(meshed("package://arm/part.stl"))
+    assert drawn(urdf, tmp_path / "share") == 1
+    for out in ("package://arm/../../secret.stl", "package://../secret.stl", "package://arm/../arm/out.stl"):
+        (tmp_path / "packages" / "arm" / "out.stl").unlink(missing_ok=True)
+        (tmp_path / "packages" / "arm" / "out.stl").symlink_to(tmp_path / "secret.stl")
+        urdf.write_text(meshed(out))
+        with pytest.raises(MeshWarning, match=r"lies outside the folders|there is none in"):
+            drawn(urdf, tmp_path / "share")
     urdf.write_text(meshed("../packages/arm/part.stl"))
     with pytest.raises(MeshWarning, match="lies outside the folders"):
         drawn(urdf)
