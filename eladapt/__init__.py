@@ -47,6 +47,11 @@ from eladapt.simulation.run import simulate
 from eladapt.theory.bounds import model_bounds
 from eladapt.theory.certificates import certify, settling_bounds
 from eladapt.theory.lyapunov import LyapunovFunctions
+from eladapt.worlds.criteria import Criteria
+from eladapt.worlds.distributions import Distributions
+from eladapt.worlds.result import Stress
+from eladapt.worlds.stress import stress
+from eladapt.worlds.world import World
 
 if TYPE_CHECKING:
     from eladapt.display.motions import plot_log, plot_motion
@@ -65,8 +70,10 @@ __all__ = [
     "CompositeController",
     "CompositeLaw",
     "ControllerState",
+    "Criteria",
     "CurrentGains",
     "Determinant",
+    "Distributions",
     "EladaptError",
     "Excitation",
     "Fault",
@@ -109,12 +116,14 @@ __all__ = [
     "ShapedState",
     "SlotineLi",
     "SmallestEigenvalue",
+    "Stress",
     "SubspaceLeastSquares",
     "TerminalSliding",
     "Timing",
     "TorqueGate",
     "UdpRobot",
     "Unmixed",
+    "World",
     "carried",
     "certify",
     "commission",
@@ -140,6 +149,7 @@ __all__ = [
     "settling_bounds",
     "simulate",
     "simulate_many",
+    "stress",
     "view",
     "waypoints",
 ]
