@@ -38,6 +38,7 @@ def stress(
     *,
     criteria: Criteria | None = None,
     dt: float = 1e-3,
+    theta0: Any = None,
     jobs: int | None = None,
     batch: int = 1,
     window: int | None = None,
@@ -48,7 +49,8 @@ def stress(
     controller: one for all worlds, or a function of (robot, told `Hardware`, dt) that makes one for each, at
     the top of a module; None for `careful`: composite controller, gate and shaped goals, told what
     commissioning tells. World k of seed s is ``distributions.world(robot, s * 10**8 + k)``. A world that
-    raises or diverges is a row with the name of that, and the rest goes on.
+    raises or diverges is a row with the name of that, and the rest goes on. theta0: where its parameters
+    start, as `simulate` takes it.
 
     out: a folder for the rows, which are written as they come; with the same arguments again, what is missing
     there is done, and more ``worlds`` are added. None: a temporary one, gone with the result. executor: any
@@ -68,7 +70,7 @@ def stress(
     )
     made: dict[str, Any] = {"distributions": distributions, "criteria": criteria}
     trials = Trials(
-        robot, careful if controller is None else controller, dt=dt,
+        robot, careful if controller is None else controller, dt=dt, theta0=theta0,
         **{name: value for name, value in made.items() if value is not None},
     )  # fmt: skip
     facts(robot)

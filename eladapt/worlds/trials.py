@@ -43,7 +43,8 @@ class Trials:
     """What all trials of a test have in common.
 
     controller: one for all worlds, or a function of robot, what is told of the world's hardware, and dt [s]
-    that makes one for each. Raises ArgumentError for what is neither.
+    that makes one for each. theta0: where its parameters start, as `simulate` takes it. Raises ArgumentError
+    for what is no controller, no robot or no time.
     """
 
     robot: Robot
@@ -51,6 +52,7 @@ class Trials:
     distributions: Distributions = field(default_factory=Distributions)
     criteria: Criteria = field(default_factory=Criteria)
     dt: float = 1e-3
+    theta0: Any = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
@@ -90,11 +92,12 @@ class Trials:
         robot, dt = self.robot, self.dt
         made: Any = self.controller
         controller = made if hasattr(made, "step") else made(robot, world.told, dt)
-        motion = world.motion(robot)
-        duration = motion.duration + world.rest
-        title = f"{robot.name}, world {world.seed}"
-        plant = world.plant(robot, dt)
-        return simulate(controller, plant, motion, duration, dt, progress=False, title=title), controller
+        motion, title = world.motion(robot), f"{robot.name}, world {world.seed}"
+        record = simulate(
+            controller, world.plant(robot, dt), motion, motion.duration + world.rest, dt, theta0=self.theta0,
+            progress=False, title=title,
+        )  # fmt: skip
+        return record, controller
 
     @staticmethod
     def _raised(reason: Exception) -> str:
