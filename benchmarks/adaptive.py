@@ -132,7 +132,7 @@ def main() -> None:
                 rows.append(row_of(name, result))
     notes = (
         "The same worlds, motions and gate for all, from the URDF's parameters. Good: as `ea.Criteria` has "
-        "it; settled: below 1e-3 rad to the end. Computed torque: W_r theta of the URDF with the same control "
+        "it; settled: below 1e-3 rad to the end. Computed torque: W_r theta of the URDF, the same control "
         "law. Ripple: of the torque at rest."
     )
     write(options.output, "Adaptive controllers in the same worlds", HEAD, rows, notes)
