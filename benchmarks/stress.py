@@ -38,7 +38,7 @@ class Instant(Executor):
 
     def submit(self, call: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        seeds = arguments[1]
+        seeds = arguments[1] if len(arguments) > 1 else ()
         future.set_result(b"".join(row_of({"seed": seed, "good": True}).tobytes() for seed in seeds))
         return future
 

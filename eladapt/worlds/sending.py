@@ -39,6 +39,12 @@ def rows_of(job: bytes, seeds: Batch) -> bytes:
     return b"".join(trials.row(seed).tobytes() for seed in seeds)
 
 
+def ready(job: bytes) -> bool:
+    """Whether a worker finds all that the trials need: eladapt, and the controller's module."""
+    unpacked(job)
+    return True
+
+
 def results(
     job: bytes, batches: Iterable[Batch], executor: Executor | None, jobs: int | None, window: int
 ) -> Iterator[tuple[Batch, bytes]]:
@@ -46,16 +52,17 @@ def results(
 
     executor: None for a pool of ``jobs`` processes, which is made anew when one of them dies. Batches that
     came back without rows are tried once more at the end, world by world and alone; a world that kills its
-    process then, too, is a row that says so. Raises StressError when the executor itself takes no more.
+    process then, too, is a row that says so. Raises StressError when the executor itself does not work.
     """
     left, suspects = iter(batches), list[int]()
     while True:
         pool = ProcessPoolExecutor(jobs) if executor is None else executor
         try:
+            _require_ready(pool, job)
             yield from _sent(pool, job, left, window, suspects)
             break
-        except BrokenExecutor as reason:
-            if executor is not None:
+        except RuntimeError as reason:  # as of one that was shut down
+            if executor is not None or not isinstance(reason, BrokenExecutor):
                 raise _broken(reason) from reason
         finally:
             if executor is None:
@@ -68,14 +75,14 @@ def _sent(
     pool: Executor, job: bytes, batches: Iterator[Batch], window: int, suspects: list[int]
 ) -> Iterator[tuple[Batch, bytes]]:
     """Until there are no more batches, or the pool takes no more: then those on their way are suspects, and
-    BrokenExecutor says so."""
+    its RuntimeError says so."""
     waiting: dict[Future[bytes], Batch] = {}
-    broken: BrokenExecutor | None = None
+    broken: RuntimeError | None = None
     try:
         for batch in batches:
             try:
                 waiting[pool.submit(rows_of, job, batch)] = batch
-            except BrokenExecutor as reason:
+            except RuntimeError as reason:
                 suspects += batch
                 broken = reason
                 break
@@ -103,24 +110,32 @@ def _taken(waiting: dict[Future[bytes], Batch], suspects: list[int]) -> Iterator
 
 def _alone(job: bytes, seed: int, executor: Executor | None) -> bytes:
     """The row of a world whose batch came back without rows."""
+    if executor is None:
+        with ProcessPoolExecutor(1) as pool:
+            return _row_or_death(pool, job, seed)
+    row = _row_or_death(executor, job, seed)
+    _require_ready(executor, job)  # else the world was not to blame
+    return row
 
-    def once(pool: Executor) -> bytes:
-        try:
-            return pool.submit(rows_of, job, (seed,)).result()
-        except Exception as reason:
-            if executor is not None and isinstance(reason, BrokenExecutor):
-                raise _broken(reason) from reason
-            said = f"the process that simulated it died: {type(reason).__name__}: {reason}"
-            return row_of({"seed": seed, "cause": DIED, "said": said}).tobytes()
 
-    if executor is not None:
-        return once(executor)
-    with ProcessPoolExecutor(1) as pool:
-        return once(pool)
+def _row_or_death(pool: Executor, job: bytes, seed: int) -> bytes:
+    try:
+        return pool.submit(rows_of, job, (seed,)).result()
+    except Exception as reason:
+        said = f"the process that simulated it died: {type(reason).__name__}: {reason}"
+        return row_of({"seed": seed, "cause": DIED, "said": said}).tobytes()
+
+
+def _require_ready(pool: Executor, job: bytes) -> None:
+    """Raises StressError where no worker can do it."""
+    try:
+        pool.submit(ready, job).result()
+    except Exception as reason:
+        raise _broken(reason) from reason
 
 
 def _broken(reason: Exception) -> StressError:
     return StressError(
-        f"executor: takes no more worlds ({type(reason).__name__}: {reason}); what is done is kept, run the "
-        "same again with a new executor"
+        f"executor: does not simulate worlds ({type(reason).__name__}: {reason}); expected workers that have "
+        "eladapt and the controller's module. What is done is kept: mend that, and run the same again"
     )

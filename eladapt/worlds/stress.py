@@ -86,7 +86,8 @@ def stress(
         with tqdm(total=worlds, initial=int(done.sum()), desc=f"{robot.name} worlds", unit="world",
                   disable=None if progress else True) as bar:  # fmt: skip
             bar.set_postfix(failed=failed)
-            for seeds, data in results(job, _batches(done, seed * MOST, batch), executor, jobs, window):
+            left = _batches(done, seed * MOST, batch)
+            for seeds, data in results(job, left, executor, jobs, window) if not done.all() else ():
                 rows = np.frombuffer(data, dtype=ROW)
                 for each, row in zip(seeds, rows, strict=True):
                     folder.write(each - seed * MOST, row)

@@ -14,6 +14,7 @@ from worlds_to_fail import deadly, pd, raising
 import eladapt as ea
 from eladapt.errors import ArgumentError, StressError
 from eladapt.worlds.rows import ROW, complete, row_of
+from eladapt.worlds.sending import rows_of
 from eladapt.worlds.trials import Trials
 
 SHORT = ea.Distributions(rest=0.2, pace=(1.0, 1.0), loaded=0.5)
@@ -27,9 +28,10 @@ class AtOnce(Executor):
         self.left = most
 
     def submit(self, call, /, *arguments, **named):
-        if not self.left:
-            raise KeyboardInterrupt
-        self.left -= 1
+        if call is rows_of:
+            if not self.left:
+                raise KeyboardInterrupt
+            self.left -= 1
         future: Future = Future()
         try:
             future.set_result(call(*arguments, **named))
@@ -95,6 +97,26 @@ def test_a_world_that_kills_its_process_takes_no_other_with_it():
     assert (result.rows["cause"] == b"process died").tolist() == died.tolist()
     alive = ea.stress(robot, pd, executor=AtOnce(), **NO_BAR, worlds=8)
     assert np.array_equal(result.rows[~died].tobytes(), alive.rows[~died].tobytes())
+
+
+def test_an_executor_that_does_not_work_is_told_and_blames_no_world(tmp_path):
+    """One that was shut down, and one that is by the time that a world is tried alone."""
+    robot, out = load("two_link"), tmp_path / "out"
+    with ThreadPoolExecutor(1) as closed:
+        pass
+    with pytest.raises(StressError, match=r"does not simulate worlds.*after shutdown"):
+        ea.stress(robot, pd, 2, executor=closed, out=out, **NO_BAR)
+
+    class Lost(AtOnce):
+        gone = False
+
+        def submit(self, call, /, *arguments, **named):
+            self.gone = self.gone or call is rows_of
+            return super().submit(os.strerror if self.gone else call, *arguments, **named)
+
+    with pytest.raises(StressError, match="does not simulate worlds"):
+        ea.stress(robot, pd, 2, executor=Lost(), out=out, **NO_BAR)
+    assert not complete(np.load(out / "worlds.npy")).any()
 
 
 def test_a_full_disk_is_told_by_name_and_what_is_there_stays(tmp_path, monkeypatch):
