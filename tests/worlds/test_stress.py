@@ -18,7 +18,7 @@ from eladapt.worlds.sending import rows_of
 from eladapt.worlds.trials import Trials
 
 SHORT = ea.Distributions(rest=0.2, pace=(1.0, 1.0), loaded=0.5)
-NO_BAR = {"progress": False, "distributions": SHORT}
+NO_BAR = {"progress": False, "distributions": SHORT, "dt": 4e-3}  # a second of rollouts a test
 
 
 class AtOnce(Executor):
@@ -146,7 +146,7 @@ def test_a_full_disk_is_told_by_name_and_what_is_there_stays(tmp_path, monkeypat
         ({"controller": raising}, "controller: worlds_to_fail.pd there, worlds_to_fail.raising now"),
         ({"distributions": ea.Distributions(tilt=0.1)}, "distributions.tilt: 0.0175 there, 0.1 now"),
         ({"criteria": ea.Criteria(tracking=1.0)}, "criteria.tracking: 0.1 there, 1 now"),
-        ({"dt": 2e-3}, "dt: 0.001 there, 0.002 now"),
+        ({"dt": 2e-3}, "dt: 0.004 there, 0.002 now"),
         ({"robot": "panda"}, "robot.model.joints"),
     ],
 )

@@ -20,7 +20,7 @@ class Raising(KnownGravityPD):
         state, tau = super().step(state, measurement, goal, dt)
         if measurement.t == 0 and measurement.q[0] > 1:
             raise RuntimeError("the first joint is at more than 1 rad")
-        return state, tau if measurement.q[0] > -1 else 1e250 * np.ones_like(tau)
+        return state, tau if measurement.q[0] > -1 else 1e120 * np.ones_like(tau)
 
 
 def pd(robot: ea.Robot, told: Hardware, dt: float) -> KnownGravityPD:
