@@ -132,8 +132,9 @@ def chart(
 ) -> Any:
     """An empty chart; those with the same ``x`` zoom together, None takes what is drawn."""
     kinds = ["log" if logarithmic else "linear" for logarithmic in (log_x, log)]
+    shared = {} if x is None else {"x_range": x}
     made = figure(
-        title=title, x_axis_label=across, y_axis_label=unit, x_range=x, height=HEIGHT, tools=TOOLS,
+        title=title, x_axis_label=across, y_axis_label=unit, height=HEIGHT, tools=TOOLS, **shared,
         x_axis_type=kinds[0], y_axis_type=kinds[1], sizing_mode="stretch_width", active_drag="box_zoom",
     )  # fmt: skip
     made.toolbar.logo = None

@@ -1,7 +1,6 @@
 """The page of a stress test says how many failed, of what, and what explains it."""
 
 import itertools
-import re
 
 import numpy as np
 import pytest
@@ -40,7 +39,6 @@ def test_the_page_names_counts_causes_and_the_factor(tmp_path):
     assert "fault: unresponsive" in page
     assert "more load [kg]" in page
     assert "<b>0.1 rad" not in page  # what a run said cannot become markup
-    assert not re.search(r"(src|href)=[\"']?https?:", page)
 
 
 @pytest.mark.parametrize(("worlds", "heaviest"), [(1, 4.0), (40, 1.0)])

@@ -147,7 +147,7 @@ def test_a_full_disk_is_told_by_name_and_what_is_there_stays(tmp_path, monkeypat
         ({"distributions": ea.Distributions(tilt=0.1)}, "distributions.tilt: 0.0175 there, 0.1 now"),
         ({"criteria": ea.Criteria(tracking=1.0)}, "criteria.tracking: 0.1 there, 1 now"),
         ({"dt": 2e-3}, "dt: 0.004 there, 0.002 now"),
-        ({"robot": "panda"}, "robot.model.joints"),
+        ({"robot": "panda"}, "robot.model.armature"),
     ],
 )
 def test_a_folder_of_another_configuration_is_refused_and_stays(tmp_path, changed, said):
