@@ -26,6 +26,7 @@ def cluster(monkeypatch):
         yield cluster
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_loses_nothing(cluster):
     """The rows are those of one process, bit for bit."""
     robot, options = load("two_link"), {**NO_BAR, "controller": slow, "worlds": 12}
@@ -47,6 +48,7 @@ def test_a_worker_that_is_killed_loses_nothing(cluster):
     assert rows(result) == rows(alone)
 
 
+@pytest.mark.slow
 def test_the_command_takes_a_cluster(cluster, tmp_path, capsys):
     out = tmp_path / "out"
     command = ["stress", "two_link", "--worlds", "2", "--out", str(out), "--batch", "2"]
