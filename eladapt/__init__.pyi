@@ -83,5 +83,10 @@ from .theory.certificates import settling_bounds as settling_bounds
 from .theory.lyapunov import LyapunovFunctions as LyapunovFunctions
 from .viewing.live import LiveView as LiveView
 from .viewing.viewer import view as view
+from .worlds.criteria import Criteria as Criteria
+from .worlds.distributions import Distributions as Distributions
+from .worlds.result import Stress as Stress
+from .worlds.stress import stress as stress
+from .worlds.world import World as World
 
 __version__: str

@@ -144,6 +144,10 @@ class SimulationError(EladaptError):
         super().__init__(message)
 
 
+class StressError(EladaptError):
+    """A stress test that cannot go on, or a folder of results that is not its own."""
+
+
 class RecordError(EladaptError):
     """A file that is not a readable record."""
 

@@ -27,6 +27,7 @@ EXAMPLES = """examples:
   eladapt run panda --goal 0.7 -0.1 0.4 -1.7 0.5 2.1 1.4 --payload 2 --plant mujoco --view
   eladapt report out/panda.npz
   eladapt identify panda log.csv --out identified.urdf --report identified.html
+  eladapt stress panda --worlds 1000 --out stress_panda
   eladapt doctor
 """
 
@@ -104,7 +105,7 @@ def _muted(quiet: bool) -> Iterator[None]:
 
 
 def _parser() -> _Parser:
-    from eladapt.cli import checking, completing, doctor, identifying, running
+    from eladapt.cli import checking, completing, doctor, identifying, running, stressing
 
     parser = _Parser(
         prog="eladapt", epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -234,6 +235,33 @@ def _parser() -> _Parser:
     _folders(report)
     report.add_argument(
         "--no-animation", action="store_true", help="leave out the motion in three dimensions (5 MB a record)"
+    )
+
+    stress = command(
+        "stress", stressing.stress, "simulate an arm in random worlds, and say in how many it fails, and why",
+        "eladapt stress panda --worlds 1000 --seed 0 --out stress_panda\n"
+        "  eladapt stress panda --worlds 1000000 --out stress_panda --batch 20 --cluster tcp://10.0.0.1:8786"
+        "\n\n"
+        "The folder is added to as worlds are done: after a kill the same command goes on, and with more\n"
+        "--worlds it adds them. exit code: 0, or 3 when worlds failed, 1 or 2 when something is wrong.",
+    )  # fmt: skip
+    _robot(stress)
+    stress.add_argument("--worlds", type=int, default=1000, metavar="N", help="how many (default: 1000)")
+    stress.add_argument("--seed", type=int, default=0, help="another one, other worlds (default: 0)")
+    stress.add_argument(
+        "--out", type=Path, required=True, metavar="FOLDER",
+        help="for rows (.npy), summary (.txt) and report (.html)",
+    )  # fmt: skip
+    stress.add_argument("--jobs", type=int, metavar="J", help="processes (default: one a core)")
+    stress.add_argument(
+        "--cluster", metavar="ADDRESS", help="tcp://HOST:PORT of a dask scheduler, whose workers do the work"
+    )
+    stress.add_argument(
+        "--batch", type=int, default=1, metavar="B",
+        help="worlds that go to a process at once: 10 or more on a large cluster (default: 1)",
+    )  # fmt: skip
+    stress.add_argument(
+        "--dt", type=float, default=1e-3, metavar="S", help="step of the controller (default: 0.001)"
     )
 
     command(

@@ -130,11 +130,15 @@ def comparison(records: Sequence[Record], labels: Sequence[str]) -> list[Any]:
     return charts
 
 
-def chart(title: str, unit: str, x: Any, log: bool = False) -> Any:
-    """An empty chart; those with the same ``x`` zoom together in time."""
+def chart(
+    title: str, unit: str, x: Any = None, log: bool = False, *, across: str = "time [s]", log_x: bool = False
+) -> Any:
+    """An empty chart; those with the same ``x`` zoom together, None takes what is drawn."""
+    kinds = ["log" if logarithmic else "linear" for logarithmic in (log_x, log)]
+    shared = {} if x is None else {"x_range": x}
     made = figure(
-        title=title, x_axis_label="time [s]", y_axis_label=unit, x_range=x, height=HEIGHT, tools=TOOLS,
-        y_axis_type="log" if log else "linear", sizing_mode="stretch_width", active_drag="box_zoom",
+        title=title, x_axis_label=across, y_axis_label=unit, height=HEIGHT, tools=TOOLS, **shared,
+        x_axis_type=kinds[0], y_axis_type=kinds[1], sizing_mode="stretch_width", active_drag="box_zoom",
     )  # fmt: skip
     made.toolbar.logo = None
     made.title.text_font_size = "14px"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import warnings
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
@@ -13,6 +14,7 @@ import pinocchio as pin
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
 from eladapt.compiling import SCALAR, VECTOR, VIEW, kernel, prepare
+from eladapt.control.stepping import CLOCK_ROUNDING, LONGEST_STEP
 from eladapt.errors import ArgumentError, GoalWarning, require_number
 from eladapt.motion.limits import MotionLimits
 from eladapt.robot.postures import beyond
@@ -199,7 +201,8 @@ class Shaped(Around):
         """The state at ``measurement`` and the torque (nv,) to hold for dt [s].
 
         Raises ArgumentError for a dt that is not positive, and what the controller raises; a measurement or a
-        goal that is none is handed on to it, which says so. A sample that was seen before moves nothing.
+        goal that is none is handed on to it, which says so. A sample that was seen before moves nothing; one
+        that is late or early moves the reference by the time that its stamp says.
         """
         dt = require_number("dt", dt, 0)
         try:
@@ -216,7 +219,7 @@ class Shaped(Around):
             way, outside = self._way(reference, wanted)
             if outside and not state.beyond:
                 self._say_beyond(wanted)
-            reference = self._followed(reference, way, wanted, dt)
+            reference = self._followed(reference, way, wanted, _passed(state.t, t, dt))
         inner, tau = self.controller.step(state.inner, measurement, handed_on(reference), dt)
         seen = float(t) if isinstance(t, int | float) else state.t
         return ShapedState(inner, reference, seen, True, outside), tau
@@ -315,6 +318,16 @@ def shapes(controller: Any) -> bool:
             return False
         controller = controller.controller
     return True
+
+
+def _passed(before: float, now: Any, dt: float) -> float:
+    """The time [s] by which the goal has moved on between two samples; dt where their stamps agree with it or
+    do not say, and after a longer pause, from which the reference goes on where it was."""
+    if not isinstance(now, int | float):
+        return dt
+    passed = now - before
+    nominal = abs(passed - dt) <= CLOCK_ROUNDING * dt + 4 * math.ulp(now)
+    return dt if nominal or not 0 < passed <= LONGEST_STEP * dt else passed
 
 
 def _planning(jerk: np.ndarray) -> _Planning:

@@ -104,6 +104,27 @@ class Encoders(Wrapper):
         return self.robot.configuration(self.resolution * np.round(coordinates / self.resolution))
 
 
+class FilteredVelocity(Wrapper):
+    """Measured velocities behind a first-order filter with this time constant [s], as drives have them."""
+
+    def __init__(self, plant: Plant, time_constant: float):
+        super().__init__(plant)
+        self.time_constant = require_number("time_constant", time_constant, 0)
+
+    def reset(self) -> Measurement:
+        """The plant's first measurement, with the filter at rest there."""
+        measurement = self.plant.reset()
+        self._t, self._v = measurement.t, measurement.v
+        return measurement
+
+    def step(self, tau: np.ndarray, dt: float) -> Measurement:
+        """Hold the torque tau (nv,) for dt [s]."""
+        measurement = self.plant.step(tau, dt)
+        share = -np.expm1((self._t - measurement.t) / self.time_constant)
+        self._t, self._v = measurement.t, self._v + share * (measurement.v - self._v)
+        return measurement._replace(v=self._v.copy())
+
+
 class NoisyReadings(Wrapper):
     """Noise on top of what the plant measures, as encoders do; a plant's own noise comes before them.
 

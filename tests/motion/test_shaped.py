@@ -265,6 +265,21 @@ def test_a_sample_that_was_seen_before_moves_nothing():
     assert state.measurement.t == state.t
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.05])
+def test_samples_that_are_late_early_or_lost_do_not_let_the_reference_lag(lost):
+    """The reference of every sample is the motion's at its time stamp, from the first on: to rounding."""
+    robot, shaped = made("panda")
+    motion = ea.move(robot, robot.configuration(robot.home), robot.configuration(robot.target))
+    rng, still = np.random.default_rng(0), np.zeros(robot.nv)
+    state = shaped.init(ea.Measurement(0.0, motion.q0, still, still))
+    t = 0.0
+    while t < motion.duration:
+        goal = motion(t)
+        state, _ = shaped.step(state, ea.Measurement(t, goal.q, goal.v, still), goal, DT)
+        assert np.abs(robot.difference(goal.q, state.reference.q)).max() < 1e-12
+        t += DT * (rng.uniform(0.9, 1.1) + (rng.random() < lost))
+
+
 def test_a_goal_that_no_motion_leads_to_brakes_the_reference():
     """One that claims 1e300 rad/s: the reference keeps its limits, and comes to rest where the goal is."""
     robot, shaped = made("kinova")

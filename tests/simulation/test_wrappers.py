@@ -6,7 +6,7 @@ from shared import DT, load
 
 import eladapt as ea
 from eladapt.errors import ArgumentError
-from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
+from eladapt.simulation.instruments import Delay, Encoders, FilteredVelocity, NoisyReadings
 
 SPEED = np.array([0.7, -0.31])  # [rad/s], no whole ratio to the counts of a step
 
@@ -108,3 +108,19 @@ def test_the_load_shows_through_every_wrapper():
 def test_bad_hardware_is_named(make, said):
     with pytest.raises(ArgumentError, match=said):
         make(Turntable())
+
+
+def test_a_filtered_velocity_lags_by_its_time_constant():
+    """A plant that begins to turn: 1 - exp(-t/T) of its speed after t, to rounding, in any steps."""
+
+    class Starting(Turntable):
+        def reset(self):
+            return super().reset()._replace(v=np.zeros(2))
+
+    filtered, rng = FilteredVelocity(Starting(), 5e-3), np.random.default_rng(0)
+    filtered.reset()
+    for _ in range(20):
+        measurement = filtered.step(np.zeros(2), rng.uniform(0.5, 1.5) * DT)
+        np.testing.assert_allclose(measurement.v, -np.expm1(-measurement.t / 5e-3) * SPEED, rtol=1e-12)
+    with pytest.raises(ArgumentError, match="time_constant"):
+        FilteredVelocity(Turntable(), 0.0)
