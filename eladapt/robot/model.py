@@ -322,7 +322,7 @@ class Robot:
         return self.random_configurations(rng, 1)[0]
 
     def random_configurations(self, rng: np.random.Generator, count: int) -> list[np.ndarray]:
-        """So many of them."""
+        """So many of them, a list of (nq,)."""
         return random_configurations(self.model, rng, count)
 
     def document(self) -> Element:

@@ -36,7 +36,7 @@ class Failure(NamedTuple):
 class Stress:
     """The rows of a stress test, and what they say. ``print(result)`` sums up.
 
-    rows: (worlds,) by column, see `eladapt.worlds.rows`: seeds, the worlds in numbers, and how they went.
+    rows: (N,) by column, see `eladapt.worlds.rows`: seeds, the worlds in numbers, and how they went.
     """
 
     trials: Trials
@@ -50,12 +50,12 @@ class Stress:
 
     @functools.cached_property
     def rows(self) -> np.ndarray:
-        """(worlds,) mapped from the file, not in memory."""
+        """(N,), one a world, mapped from the file, not in memory."""
         return read(self.path)[: self.worlds]
 
     @property
     def good(self) -> np.ndarray:
-        """(worlds,) which were good."""
+        """(N,) which were good."""
         return np.asarray(self.rows["good"])
 
     @property

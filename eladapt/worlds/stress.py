@@ -49,8 +49,8 @@ def stress(
     controller: one for all worlds, or a function of (robot, told `Hardware`, dt) that makes one for each, at
     the top of a module; None for `careful`: composite controller, gate and shaped goals, told what
     commissioning tells. World k of seed s is ``distributions.world(robot, s * 10**8 + k)``. A world that
-    raises or diverges is a row with the name of that, and the rest goes on. theta0: where its parameters
-    start, as `simulate` takes it.
+    raises or diverges is a row with the name of that, and the rest goes on. dt [s]: the step. theta0:
+    where its parameters start, as `simulate` takes it.
 
     out: a folder for the rows, which are written as they come; with the same arguments again, what is missing
     there is done, and more ``worlds`` are added. None: a temporary one, gone with the result. executor: any
