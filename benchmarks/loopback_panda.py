@@ -116,7 +116,7 @@ def minute(seed: int, told: bool) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(10)), help="one a minute")
+    parser.add_argument("--seeds", type=int, nargs="*", default=list(range(10)), help="one a minute")
     parser.add_argument("--untold", action="store_true", help="the interface takes the URDF's gravity for it")
     parser.add_argument(
         "--kept", type=Path, default=Path("out/loopback_panda.jsonl"), help="minutes so far, and these"
@@ -127,7 +127,8 @@ def main() -> None:
     for seed in options.seeds:
         row = minute(seed, not options.untold)
         print(row, flush=True)
-        rows = gathered(options.kept, row)
+        gathered(options.kept, row)
+    rows = gathered(options.kept)
     table = [
         [
             "yes" if row["told"] else "no", row["seed"], row["ended"][:100], f"{row['after']:.1e}",

@@ -33,11 +33,11 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join([*lines, ""])
 
 
-def gathered(path: Path, row: dict[str, Any]) -> list[dict[str, Any]]:
-    """All rows of a file, after this one was added: of runs that take too long for one go."""
+def gathered(path: Path, row: dict[str, Any] | None = None) -> list[dict[str, Any]]:
+    """All rows of a file, this one added: of runs that take too long for one go."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a") as file:
-        file.write(json.dumps(row) + "\n")
+    with path.open("a+") as file:
+        file.write(json.dumps(row) + "\n" if row else "")
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 

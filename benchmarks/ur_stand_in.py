@@ -89,7 +89,7 @@ def run(rubbing: str, firmware: str, rotor: float, seed: int) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument(
-        "--cases", type=int, nargs="+", default=list(range(len(CASES))), help="(default: all)"
+        "--cases", type=int, nargs="*", default=list(range(len(CASES))), help="(default: all)"
     )
     parser.add_argument(
         "--kept", type=Path, default=Path("out/ur_stand_in.jsonl"), help="runs so far, and these"
@@ -100,7 +100,8 @@ def main() -> None:
     for case in options.cases:
         row = run(*CASES[case])
         print(row, flush=True)
-        rows = gathered(options.kept, row)
+        gathered(options.kept, row)
+    rows = gathered(options.kept)
     order = [list(case) for case in CASES]
     table = [
         [*row["case"], row["ended"], f"{row['after']:.1e}", f"{row['rest']:.1e}", row["weighed"]]
