@@ -259,7 +259,12 @@ def require_vector(name: str, value: Any, size: int) -> np.ndarray:
 
 def is_vector(value: object, size: int) -> bool:
     """Whether it is a plain array of ``size`` doubles."""
-    return type(value) is np.ndarray and value.dtype is DOUBLE and value.shape == (size,)
+    # A dtype that numba or a pickle made is equal, and another object.
+    return (
+        type(value) is np.ndarray
+        and value.shape == (size,)
+        and (value.dtype is DOUBLE or value.dtype == DOUBLE)
+    )
 
 
 def _as_vector(name: str, value: Any, size: int) -> np.ndarray:
