@@ -109,7 +109,7 @@ class _Kinematics:
             self.task.set_target(target)
             try:
                 v = pink.solve_ik(place, [self.task], TIME, "daqp", limits=self.limits, safety_break=False)
-            except pink.NoSolutionFound:
+            except pink.exceptions.NoSolutionFound:
                 break
             q = self.robot.coordinates(place.integrate(v, TIME))  # beyond the limits by what pink rounds
             place.update(self.robot.configuration(np.clip(q, self.lower, self.upper)))
