@@ -26,7 +26,8 @@ import numpy as np
 import table
 
 import eladapt as ea
-from eladapt.errors import EladaptError, LoopError
+from eladapt.errors import LoopError
+from eladapt.hardware.commissioning import Heard
 from eladapt.hardware.franka import FrankaRobot
 
 ADDRESS, DT = "127.0.0.1", 1e-3
@@ -34,7 +35,8 @@ GOALS, EACH, FAR = 8, 7.5, 0.4  # set-points of a minute, [s], [rad] from the st
 AFTER, REST = 0.5, 1.0  # [s] after a motion, and before the next, in which errors are judged
 SLOW = 0.4  # of the Panda's speed limits: the FR3's depend on where it is
 LOAD = 1.5  # [kg]
-TOLD: dict[str, Any] = {"delay": DT, "jitter": DT}  # its physics and its network each keep a clock
+# Its physics and its network each keep a clock: some samples in a thousand are a cycle or four off.
+TOLD: dict[str, Any] = {"delay": DT, "jitter": 4 * DT}
 PATIENCE = 30.0  # [s] for the server to start
 
 Gravity = Callable[[np.ndarray], np.ndarray]
@@ -50,7 +52,7 @@ class Run(NamedTuple):
     lost: int  # cycles that the robot had without a read
     work: float  # [us] from state to command, median
     slowest: float  # [us] 99.9 %
-    state: Any
+    log: ea.Log | None
 
 
 @contextmanager
@@ -100,7 +102,7 @@ def controller_of(robot: ea.Robot) -> ea.GatedController:
 def minute(controller: Any, arm: FrankaRobot, gravity: Gravity, seed: int) -> Run:
     robot = controller.robot
     arm.connect()
-    start = arm.posture()
+    start, heard = arm.posture(), Heard(arm)
     limits = ea.MotionLimits.for_robot(robot, velocity=SLOW)
     rng = np.random.default_rng(seed)
     goals = [start + rng.uniform(-FAR, FAR, 7) for _ in range(GOALS)]
@@ -114,7 +116,7 @@ def minute(controller: Any, arm: FrankaRobot, gravity: Gravity, seed: int) -> Ru
         return robot.configuration(goals[min(int(max(t, 0.0) / EACH), GOALS - 1)])
 
     try:
-        result: Any = ea.run_loop(controller, arm, asked, GOALS * EACH, DT, limits=limits)
+        result: Any = ea.run_loop(controller, heard, asked, GOALS * EACH, DT, limits=limits)
         ended = result.ended if result.fault is None else f"fault {result.fault}"
     except LoopError as reason:
         result, ended = reason, str(reason)
@@ -132,8 +134,15 @@ def minute(controller: Any, arm: FrankaRobot, gravity: Gravity, seed: int) -> Ru
     work = result.timing.work
     return Run(
         ended, _largest(after), _largest(rest), float(change), int(np.sum(cycles - 1)), 1e6 * work[0],
-        1e6 * work[2], result.state,
+        1e6 * work[2], log_of(robot, heard),
     )  # fmt: skip
+
+
+def log_of(robot: ea.Robot, heard: Heard) -> ea.Log:
+    """What was measured."""
+    taken = heard.measurements
+    t, q, v, tau = (np.array([getattr(m, name) for m in taken]) for name in ("t", "q", "v", "tau"))
+    return ea.Log(t, q, v, tau, robot.joint_names, held=True)
 
 
 def _largest(parts: list[np.ndarray]) -> float:
@@ -149,13 +158,11 @@ def main() -> None:
         sys.exit("skipped: say ELADAPT_FRANKA_SIM_PYTHON, see --help")
     robot, gravity = ea.Robot.load("panda"), firmware_gravity(python)
     rows: list[list[str]] = []
-    states: dict[float, Any] = {}
     for load, runs in ((0.0, options.runs), (LOAD, max(1, options.runs // 3))):
         for seed in range(runs):
             with server(python, load):
                 arm = FrankaRobot(ADDRESS, robot, gravity=gravity, recover=True)
                 done = minute(controller_of(robot), arm, gravity, seed)
-            states[load] = done.state if done.state is not None else states.get(load)
             figures = (f"{done.after:.1e}", f"{done.rest:.1e}", f"{done.rate:.3f}", str(done.lost))
             row = [
                 f"{load:g}",
@@ -167,20 +174,13 @@ def main() -> None:
             ]
             print(row, flush=True)
             rows.append(row)
-    said = "not weighed"
-    if states.get(0.0) is not None and states.get(LOAD) is not None:
-        try:
-            empty, full = (ea.identify(robot, states[load].inner, physical=False) for load in (0.0, LOAD))
-            weighed = full.load_since(empty, "panda_link8")
-            said = f"the load of {LOAD:g} kg, that nobody told, is weighed {weighed}"
-        except EladaptError as reason:
-            said = f"the load is not weighed: {reason}"
     head = ["load [kg]", "run", "ended", f"error {AFTER:g} s after motions [rad]", "at rest [rad]",
             "most a cycle [N m]", "cycles lost", "state to command [us], median", "99.9 %"]  # fmt: skip
     notes = (
         f"A minute of {GOALS} set-points up to {FAR:g} rad from the start in each joint. The error is that "
         f"from the set-point, the largest of all joints. The limit of a cycle is 1 N m. Motions keep to "
-        f"{SLOW:g} of the Panda's speed limits. In the end {said}."
+        f"{SLOW:g} of the Panda's speed limits. The controller is told {TOLD} "
+        "and the Panda's URDF. The change is of what is wanted; what is sent changes by 0.99 N m at the most."
     )
     table.write("franka_client", "A Franka that is not there, by its maker's client", head, rows, notes)
 

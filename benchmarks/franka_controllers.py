@@ -45,6 +45,14 @@ class JointImpedance(Unrecorded):
         return None, np.clip(tau, -robot.effort_limit, robot.effort_limit)
 
 
+def weighed(robot: ea.Robot, empty: ea.Log | None, loaded: ea.Log | None) -> str:
+    """What the load is by both logs, without and with it."""
+    if empty is None or loaded is None:
+        return "it is not weighed, since a minute left no log"
+    before, after = (ea.identify(robot, log, held_out=0, physical=False) for log in (empty, loaded))
+    return f"from the logs of ours it is weighed {after.load_since(before, 'panda_link8')}"
+
+
 def main() -> None:
     python = os.environ.get("ELADAPT_FRANKA_SIM_PYTHON")
     if python is None:
@@ -55,7 +63,7 @@ def main() -> None:
         "computed torque, URDF": ComputedTorque(robot),
         "eladapt": client.controller_of(robot),
     }
-    rows = []
+    rows, logs = [], []
     for load in LOADS:
         for name, controller in controllers.items():
             with client.server(python, load):
@@ -64,6 +72,7 @@ def main() -> None:
             row = [f"{load:g}", name, done.ended[:100], f"{done.after:.1e}", f"{done.rest:.1e}"]
             print(row, flush=True)
             rows.append(row)
+        logs.append(done.log)  # of the last one, ours
     head = [
         "load [kg]",
         "controller",
@@ -74,7 +83,7 @@ def main() -> None:
     notes = (
         f"A minute of {client.GOALS} set-points up to {client.FAR:g} rad from the start in each joint, the "
         f"largest error of all joints. K = {STIFFNESS.tolist()} N m/rad, D = {DAMPING.tolist()} N m s/rad. "
-        "The load is told to nobody."
+        f"The load is told to nobody; {weighed(robot, *logs)}."
     )
     table.write("franka_controllers", "Three controllers on a Franka that is not there", head, rows, notes)
 

@@ -37,7 +37,7 @@ CAREFUL: dict[str, Any] = {
     "delay": 5e-3,
     "velocity_lag": 5e-3,
 }
-PATIENT = 4.0  # times as much torque as usual, before a joint counts as unresponsive
+PATIENT = 1.0  # times as much torque as usual, before a joint counts as unresponsive
 DIFFERENT = 0.2  # relative change that is told
 SURE = 0.05  # of a friction: a larger standard deviation leaves it unknown
 NAMES = ("position_noise", "velocity_noise", "delay", "velocity_lag", "jitter")

@@ -53,9 +53,9 @@ class BeliefState(NamedTuple):
 
     rows: np.ndarray  # (3, 2 max SPAN, nv) [N m] torque that acted, needed, and with the largest rotor
     opposed: np.ndarray  # (spans, nv) samples in a row that turned against their torque
-    turned: np.ndarray  # [N m] by how much torque changed in them
+    turned: np.ndarray  # [N m] by how much torque changed in them, to and fro
     deaf: np.ndarray  # samples in a row that did not answer it
-    pushed: np.ndarray  # [N m] by how much torque changed in them
+    pushed: np.ndarray  # [N m] by how much torque changed in them, from first to last
     drift: np.ndarray  # (nv,) [rad] of the position, beside the integral of the velocity
     way: np.ndarray  # [rad] the larger of both
     jitter: np.ndarray  # [rad^2] mean square of the position's white noise
@@ -83,14 +83,14 @@ def runs(
                 for k in range(span):
                     change[what] += (rows[what, last - 1 - k, i] - rows[what, last - 1 - span - k, i]) / span
             x, z, heavy = abs(change[0]), change[1] * np.sign(change[0]), change[2] * np.sign(change[0])
-            for k, bad, run, sum_ in (
-                (0, z < against * x, opposed[s, i], turned[s, i]),
-                (2, heavy < silent * x, deaf[s, i], pushed[s, i]),
+            for k, bad, run, so_far, by in (
+                (0, z < against * x, opposed[s, i], turned[s, i], x),
+                (2, heavy < silent * x, deaf[s, i], pushed[s, i], change[0]),
             ):
                 if x <= least[i]:
-                    found[k, s, i], found[k + 1, s, i] = run, sum_
+                    found[k, s, i], found[k + 1, s, i] = run, so_far
                 elif bad:
-                    found[k, s, i], found[k + 1, s, i] = run + 1.0, sum_ + x / span
+                    found[k, s, i], found[k + 1, s, i] = run + 1.0, so_far + by / span
                 else:
                     found[k, s, i], found[k + 1, s, i] = 0.0, 0.0
     return found
@@ -135,7 +135,7 @@ def doubted(
                 return i
     for i in range(n):
         for s in range(len(enough)):
-            if deaf[s, i] >= enough[s] and pushed[s, i] > silent[i]:
+            if deaf[s, i] >= enough[s] and abs(pushed[s, i]) > silent[i]:
                 return n + i
     worst, farthest = -1, 0.0
     for i in range(n):
@@ -158,7 +158,8 @@ class Belief:
     """Thresholds, (nv,): what torque has to change by before a joint is judged by how it answers.
 
     least [N m]: the change over SPAN samples that says something at all. against [N m]: that in a run that
-    is opposed; silent [N m]: in one without an answer, which friction alone may cause. rotor [kg m^2]: the
+    is opposed; silent [N m]: in one without an answer, from its first to its last, which friction alone may
+    cause: twice itself, where it holds a joint in both directions. rotor [kg m^2]: the
     largest that is believed. contradiction [rad]: by how much a position may leave its velocity's integral
     beside a share of the way. still [rad/s]: below it a joint rests; halting: above it none halts between
     two samples. Raises ArgumentError for what is not positive.
