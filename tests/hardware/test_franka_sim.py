@@ -81,7 +81,3 @@ def test_each_check_ends_the_loop_with_its_name_and_all_there_was(harm, said):
         record = ended.value.record
         assert record.t[-1] - record.t[0] > 0.9 * HARM
         assert np.isfinite(record.q).all()
-        time.sleep(1.0)
-        again = franka.FrankaRobot(client.ADDRESS, robot, gravity=gravity, recover=True)
-        again.connect()
-        assert np.abs(again._franka.read_once().dq).max() < 1e-2  # [rad/s] the servos hold it
