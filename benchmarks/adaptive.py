@@ -132,9 +132,10 @@ def main() -> None:
                 rows.append(row_of(name, result))
     notes = (
         "The same worlds, motions and gate for all, from the URDF's parameters. Good: as `ea.Criteria` has "
-        "it; settled: below 1e-3 rad to the end. (278) with (318) alone: no disturbance estimate, no detection "
-        "of loads, no contact; mixed as a vector as ours, since no determinant of 69 parameters is a number. "
-        "The URDF's dynamics, fixed: W_r theta of the URDF under the same control law. Ripple: of the torque at rest."
+        "it; settled: below 1e-3 rad to the end. (278) with (318) alone: no disturbance estimate, no "
+        "detection of loads, no contact; mixed as a vector as ours, since no determinant of 69 parameters is "
+        "a number. The URDF's dynamics, fixed: W_r theta of the URDF under the same control law. Ripple: of "
+        "the torque at rest."
     )
     write(options.output, "Adaptive controllers in the same worlds", HEAD, rows, notes)
 
