@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-# Every kind of loop with every kind of controller, and then: what was compiled for which arguments.
+# Every kind of loop with every kind of controller, once they are made: what is compiled, for which arguments.
 LOOPS = """
 import numpy as np
 import eladapt as ea
@@ -15,13 +15,15 @@ robot = ea.Robot.load("two_link")
 q0, goal = robot.configuration(robot.home), robot.configuration(robot.target)
 moving = ea.Reference(goal, 0.1 * np.ones(robot.nv), np.zeros(robot.nv))
 composite = ea.CompositeController.for_robot(robot, velocity_noise=1e-3)
+gated, simulate = ea.GatedController.for_robot(composite), ea.simulate
+others = ea.SlotineLi.for_robot(robot), ea.TerminalSliding.for_robot(robot)
+controllers = composite, gated, *others, ea.CompositeController.for_robot(robot)
+loaded, mujoco = ea.PinocchioPlant(robot, q0, payload=ea.Payload(1.0, attach=0.05)), ea.MujocoPlant(robot, q0)
 misses = [sum(k.stats.cache_misses.values()) + sum(k.stats.cache_hits.values()) for k, _ in KERNELS]
-for controller in (composite, ea.GatedController.for_robot(composite), ea.SlotineLi.for_robot(robot),
-                   ea.TerminalSliding.for_robot(robot), ea.CompositeController.for_robot(robot)):
-    ea.simulate(controller, ea.PinocchioPlant(robot, q0, payload=ea.Payload(1.0, attach=0.05)), goal, 0.2,
-                progress=False)
-for controller in (composite, ea.GatedController.for_robot(composite)):
-    ea.simulate(controller, ea.MujocoPlant(robot, q0), moving, 0.2, progress=False)
+for controller in controllers:
+    simulate(controller, loaded, goal, 0.2, progress=False)
+for controller in (composite, gated):
+    simulate(controller, mujoco, moving, 0.2, progress=False)
 again = [sum(k.stats.cache_misses.values()) + sum(k.stats.cache_hits.values()) for k, _ in KERNELS]
 print(again == misses, all(len(kernel.signatures) == 1 for kernel, _ in KERNELS), len(KERNELS) > 10)
 """

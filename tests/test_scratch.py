@@ -40,7 +40,7 @@ def arguments(method, robot, share):
         **dict.fromkeys(("q", "q0"), q), "q1": robot.configuration(robot.home), "x": robot.target,
         **dict.fromkeys(("v", "dq", "tau", "vr"), v), **dict.fromkeys(("a", "ar"), share * np.cos(v)),
         "goal": ea.Reference(q, v, v), "measurement": ea.Measurement(share, q, v, v),
-        "edits": Edits({}, {robot.joint_names[0]: {"damping": share}}),
+        "count": 3, "edits": Edits({}, {robot.joint_names[0]: {"damping": share}}),
         "model": robot.model, "name": "viscous", "theta": share * served(ea.Regressors).theta,
     }  # fmt: skip
     needed = [p for p in inspect.signature(method).parameters.values() if p.default is p.empty]

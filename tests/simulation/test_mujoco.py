@@ -247,5 +247,5 @@ def test_bad_torques_are_named(mujoco_plant):
 def test_without_mujoco_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     monkeypatch.delitem(sys.modules, "eladapt.simulation.mujoco_plant", raising=False)
-    with pytest.raises(EladaptError, match=r'pip install "eladapt\[mujoco\]"'):
+    with pytest.raises(EladaptError, match='pip install "mujoco>='):
         importlib.import_module("eladapt.simulation.mujoco_plant")
