@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -36,20 +37,23 @@ def kernel(*arguments: Any, **options: Any) -> Callable[[Callable[..., Any]], An
 
 
 def prepare() -> None:
-    """Compile what is not compiled yet; says so on stderr where it takes seconds.
+    """Compile what is not compiled yet; says so on stderr, once, where it takes seconds.
 
     Whatever leads to a loop calls it first; once done, it costs microseconds.
     """
-    told = False
     for compiled, arguments in KERNELS:
         if compiled.signatures:
             continue
         compiled.compile(arguments)
         if VIEW in arguments:
             compiled.disable_compile()  # other vectors are views too, not a reason to compile again
-        if not told and not compiled.stats.cache_hits:
-            told = True
-            print(f"eladapt: compiling, some seconds, {_how_often(compiled)}", file=sys.stderr)
+        if not compiled.stats.cache_hits:
+            _say(_how_often(compiled))
+
+
+@functools.cache
+def _say(how_often: str) -> None:
+    print(f"eladapt: compiling, some seconds, {how_often}", file=sys.stderr)
 
 
 def _how_often(compiled: Any) -> str:

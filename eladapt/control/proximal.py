@@ -223,4 +223,4 @@ def solved_torque(
     longer = np.empty(len(horizon))
     for i in range(len(horizon)):
         longer[i] = max(horizon[i], least)
-    return solve_coupled(e1, e2, mass_matrix, P, D, D_L, a, b, longer, ITERATIONS).torque
+    return solve_coupled(e1, e2, mass_matrix, P, D, D_L, a, b, longer, np.int64(ITERATIONS)).torque
