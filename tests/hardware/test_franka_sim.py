@@ -48,7 +48,7 @@ def torque_step(arm, wanted, since):
 
 
 def too_fast(arm, wanted, since):
-    arm.raw(wanted + min(0.9 * since, 11.0) * np.eye(7)[6])
+    franka.FrankaRobot._send(arm, wanted + 12.0 * np.eye(7)[6])  # as far as its rate allows
 
 
 def silence(arm, wanted, since):
