@@ -33,7 +33,7 @@ SLOW = {SERVO: 0.1, RUBBING: 0.5}  # of the speed limits
 FRICTION = ea.Friction(viscous=1.0, coulomb=np.array([4.0, 4.0, 3.0, 1.0, 1.0, 1.0]))
 FIRMWARE = {"the arm's": 1.0, "a fifth too much": 1.2, "a fifth too little": 0.8, "none": 0.0}
 ROTOR = 0.05  # [kg m^2] told of each joint; they are twice that
-PATIENT = 4.0  # times as much torque as usual before a joint counts as unresponsive, as `commission` has it
+PATIENT = 4.0  # times as much torque as usual before a joint counts as unresponsive
 LOAD = ea.Payload(1.5, attach=NUMBER // 2 * EACH)
 CASES = (
     *itertools.product((RUBBING, SERVO), FIRMWARE, (ROTOR,), range(2)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -37,7 +36,6 @@ CAREFUL: dict[str, Any] = {
     "delay": 5e-3,
     "velocity_lag": 5e-3,
 }
-PATIENT = 1.0  # times as much torque as usual, before a joint counts as unresponsive
 DIFFERENT = 0.2  # relative change that is told
 SURE = 0.05  # of a friction: a larger standard deviation leaves it unknown
 NAMES = ("position_noise", "velocity_noise", "delay", "velocity_lag", "jitter")
@@ -131,14 +129,8 @@ def commission(
 
 
 def careful(robot: Robot, dt: float) -> GatedController:
-    """A controller that expects bad hardware, behind a gate that bears more friction than usual.
-
-    It is not known yet, and a joint that friction holds looks like one that is dead.
-    """
-    gated = GatedController.for_robot(CompositeController.for_robot(robot, dt, **CAREFUL), dt)
-    belief = gated.gate.belief
-    patient = dataclasses.replace(belief, silent=PATIENT * belief.silent)
-    return dataclasses.replace(gated, gate=dataclasses.replace(gated.gate, belief=patient))
+    """A controller that expects bad hardware, behind its gate."""
+    return GatedController.for_robot(CompositeController.for_robot(robot, dt, **CAREFUL), dt)
 
 
 class Heard:
