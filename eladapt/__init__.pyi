@@ -79,8 +79,8 @@ from .simulation.plants import PinocchioPlant as PinocchioPlant
 from .simulation.run import simulate as simulate
 from .theory.bounds import model_bounds as model_bounds
 from .theory.certificates import certify as certify
-from .theory.certificates import settling_bounds as settling_bounds
 from .theory.lyapunov import LyapunovFunctions as LyapunovFunctions
+from .theory.settling import settling_bounds as settling_bounds
 from .viewing.live import LiveView as LiveView
 from .viewing.viewer import view as view
 from .worlds.criteria import Criteria as Criteria

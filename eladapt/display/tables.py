@@ -15,8 +15,7 @@ from eladapt.errors import EladaptError
 from eladapt.records.description import innermost
 from eladapt.records.record import Record
 from eladapt.robot.model import Robot
-from eladapt.theory.certificates import Row
-from eladapt.theory.meaning import meaning
+from eladapt.theory.meaning import Row, meaning
 
 STYLE = """
 :host { font: 14px/1.5 sans-serif; color: #223 }

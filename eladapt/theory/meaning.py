@@ -1,9 +1,11 @@
-"""What it means that conditions of a certificate do not hold, for someone who has not read the paper."""
+"""The conditions of a certificate, and what it means that some do not hold, for someone who has not read the
+paper."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple
 
 STABLE, STABLE_SAMPLED = ("(530)", "d1 <= d_Lm / mu_M", "D_L >= d1 M(q)"), "V_1 > 0"
 FINITE, FINITE_SAMPLED = ("(602)",), "v(e) > 0"
@@ -16,22 +18,17 @@ PROOFS = (
 )
 
 
-class Condition(Protocol):
-    """A row of a certificate."""
+class Row(NamedTuple):
+    """One condition of a certificate."""
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def value(self) -> float: ...
-    @property
-    def limit(self) -> float: ...
-    @property
-    def holds(self) -> bool: ...
-    @property
-    def note(self) -> str: ...
+    name: str  # with the paper's label
+    value: float
+    limit: float
+    holds: bool
+    note: str = ""
 
 
-def meaning(rows: Sequence[Condition]) -> tuple[str, ...]:
+def meaning(rows: Sequence[Row]) -> tuple[str, ...]:
     """Sentences for what does not hold, the most important last; none where all of it does."""
     failed = [row for row in rows if not row.holds]
     if not failed:
@@ -39,10 +36,11 @@ def meaning(rows: Sequence[Condition]) -> tuple[str, ...]:
     said = [f"{len(failed)} of {len(rows)} conditions do not hold."]
     stable = _of(rows, STABLE)
     if stable and not any(row.holds for row in stable):
-        most = max(row.limit for row in _of(rows, ("d1 <=",)))
+        d1, times = stable[0].value, min(row.value / row.limit for row in stable if row.limit)
+        larger = f"{times:.3g} times larger" if math.isfinite(times) else "more than 0 in every joint"
         said.append(
             f"Stability: it is enough that one of the first {len(stable)} holds. None does: d1 would have to "
-            f"be at most {most:.3g}, or D_L as many times larger.{_sampled(rows, STABLE_SAMPLED)}"
+            f"be at most {d1 / times:.3g}, or D_L {larger}.{_sampled(rows, STABLE_SAMPLED)}"
         )
     if any(not row.holds for row in _of(rows, FINITE)):
         said.append(
@@ -60,11 +58,11 @@ def meaning(rows: Sequence[Condition]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _of(rows: Sequence[Condition], labels: Sequence[str]) -> list[Condition]:
+def _of(rows: Sequence[Row], labels: Sequence[str]) -> list[Row]:
     return [row for row in rows if any(label in row.name for label in labels)]
 
 
-def _sampled(rows: Sequence[Condition], label: str) -> str:
+def _sampled(rows: Sequence[Row], label: str) -> str:
     """What sampling said of the function itself."""
     found = _of(rows, (label,))
     if not found:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import re
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ import eladapt as ea
 from eladapt import paper
 from eladapt.errors import ArgumentError, UnknownNameError
 from eladapt.theory.bounds import model_bounds
-from eladapt.theory.certificates import alpha_2, certify, decay_constant, settling_bounds
+from eladapt.theory.certificates import certify
 from eladapt.theory.gates import gate_integral, gates_along, interval_excitation, window_excitation
 from eladapt.theory.lyapunov import LyapunovFunctions
+from eladapt.theory.settling import alpha_2, decay_constant, settling_bounds
 
 OPEN = {"pole": 10.0, "linear_damping": 0.5, "d": 0.5}
 DT = 5e-4
@@ -110,6 +112,26 @@ def test_less_d1_meets_the_sharper_condition_and_530_asks_for_d_l_that_sampling_
     assert not certificate["max D_L dt"].holds
     assert not certificate["lambda_max"].holds
     assert "chatters" in certificate["lambda_max"].note
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_what_is_said_of_d1_and_d_l_is_enough_and_no_more_than_needed(name):
+    """With a d1 below the one that the text gives a condition holds and with one above it none, and so with
+    D_L: to the text's three digits."""
+    controller = ea.CompositeController.for_robot(load(name))
+    said = str(certify(controller, samples=4))
+    d1, times = map(float, re.search(r"at most (\S+), or D_L (\S+) times larger", said).groups())
+    for share in (0.99, 1.01):
+        law = dataclasses.replace(controller.law, d1=share * d1)
+        control = dataclasses.replace(controller.control, D_L=times / share * controller.control.D_L)
+        for changed in ({"law": law}, {"control": control}):
+            text = str(certify(dataclasses.replace(controller, **changed), samples=4))
+            assert ("Stability:" in text) == (share > 1)
+
+
+def test_without_damping_in_a_joint_no_d1_will_do():
+    said = str(certify(composite(D_L=np.array([0.5, 0.0])), samples=4))
+    assert "d1 would have to be at most 0, or D_L more than 0 in every joint." in said
 
 
 def test_large_d1_is_caught_by_the_samples():
