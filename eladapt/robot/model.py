@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +28,7 @@ from eladapt.robot.joint_limits import (
     set_or_inf,
 )
 from eladapt.robot.reading import frame_index, last_body, read_document, read_robot, read_visuals
+from eladapt.robot.source import arguments, beside_the_model, with_edits
 from eladapt.robot.space import Space
 from eladapt.scratch import Scratch
 from eladapt.signals import Measurement, Reference
@@ -154,17 +156,7 @@ class Robot:
         Where these are silent, earlier edits stay, and so do links that were weighed or mended. Raises what
         `from_urdf` raises, and UnknownNameError for links, joints and dynamics that there are not.
         """
-        before = self.edits or Edits()
-        weighed = {link: body.toDynamicParameters().tolist() for link, body in self.weighed.items()}
-        joints = {**before.dynamics, **edits.dynamics}
-        merged = Edits(
-            {**weighed, **before.inertials, **edits.inertials},
-            {name: {**before.dynamics.get(name, {}), **edits.dynamics.get(name, {})} for name in joints},
-        )
-        options = {**self._options(), "edits": merged, "density": None}
-        given = {name for name, values in merged.dynamics.items() if "armature" in values}
-        options["armature"] = {n: a for n, a in options["armature"].items() if n not in given}
-        return Robot.from_source(options)
+        return Robot.from_source(with_edits(self, edits))
 
     @classmethod
     def load(cls, name: str) -> Robot:
@@ -322,7 +314,7 @@ class Robot:
         return self.random_configurations(rng, 1)[0]
 
     def random_configurations(self, rng: np.random.Generator, count: int) -> list[np.ndarray]:
-        """So many of them, a list of (nq,)."""
+        """``count`` of them, a list of (nq,)."""
         return random_configurations(self.model, rng, count)
 
     def document(self) -> Element:
@@ -345,36 +337,9 @@ class Robot:
     def _source(self) -> dict[str, Any]:
         if self.name in library.robots():
             listed = Robot.load(self.name)
-            if listed.model == self.model and listed._beside_the_model() == self._beside_the_model():
+            if listed.model == self.model and beside_the_model(listed) == beside_the_model(self):
                 return {"load": self.name}
-        return self._options()
-
-    def _options(self) -> dict[str, Any]:
-        """`from_urdf`'s, the path as "urdf", the text with a character for each byte; plain JSON types."""
-        armature = {n: float(a) for n, a in zip(self.joint_names, self.armature, strict=True) if a}
-        return {
-            "urdf": str(self.path),
-            "package_dirs": list(self.package_dirs),
-            "locked": list(self.locked),
-            "name": self.name,
-            "armature": armature,
-            "gravity": self.model.gravity.linear.tolist(),
-            "mend": self.mend,
-            "density": self.density,
-            "edits": self.edits and list(self.edits),
-            "text": self.text.decode("latin-1"),
-            **self._beside_the_model(),
-        }
-
-    def _beside_the_model(self) -> dict[str, Any]:
-        """What makes this robot beside its dynamics; plain types, to be compared."""
-        return {
-            "tool": self.tool,
-            "zero_parameters": list(self.zero_parameters),
-            "home": self.home.tolist(),
-            "target": self.target.tolist(),
-            "published": {name: limit.tolist() for name, limit in self.published.items()},
-        }
+        return arguments(self)
 
     @classmethod
     def from_source(cls, source: Mapping[str, Any]) -> Robot:
@@ -386,13 +351,10 @@ class Robot:
             if options.get("text") is not None:
                 options["text"] = options["text"].encode("latin-1")
             return cls.from_urdf(options.pop("urdf"), **options)
-        except (
-            TypeError,
-            KeyError,
-            AttributeError,
-            UnicodeError,
-        ) as reason:  # it may be in a record from somebody else
-            raise ArgumentError(f"source: expected what Robot.source gives, got {source!r}") from reason
+        except (TypeError, KeyError, AttributeError, UnicodeError) as reason:  # a record from somebody else
+            raise ArgumentError(
+                f"source: expected what Robot.source gives, got {reprlib.repr(source)} ({reason})"
+            ) from reason
 
     def check_q(self, q: np.ndarray, name: str = "q") -> np.ndarray:
         """q as a finite (nq,) vector on the configuration space; raises ArgumentError."""

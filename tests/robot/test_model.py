@@ -149,6 +149,17 @@ def test_a_robot_can_be_found_again_from_its_source(robot):
     np.testing.assert_array_equal(again.gravity(q), robot.gravity(q))
 
 
+@pytest.mark.parametrize(
+    ("changed", "reason"), [({"colour": "red"}, "'colour'"), ({"text": "\u0416"}, "latin-1")]
+)
+def test_what_is_no_source_is_refused_in_a_line(changed, reason):
+    """With the reason, and without the file's whole text."""
+    source = {**ea.Robot.from_urdf(entry("two_link").urdf).source, **changed}
+    with pytest.raises(ArgumentError, match=f"expected what Robot.source gives, got .*{reason}") as refused:
+        ea.Robot.from_source(source)
+    assert len(str(refused.value)) < 400
+
+
 def test_a_variant_of_a_robot_of_the_library_is_not_taken_for_it():
     """Same name and file, but no rotors, or other parameters known to be zero."""
     source = entry("talos_left_arm")
