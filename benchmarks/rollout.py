@@ -2,8 +2,9 @@
 
 A rollout is ``ea.simulate`` of a move from home to the demonstration's target. The bare calls are
 Pinocchio's in a step of the plant with their arguments at hand: eight forward dynamics and ten
-integrations. ``--before PATH`` times a checkout of an earlier commit too: two processes take turns, so
-that both have the same machine; a ratio is the median of the ratios of neighbours.
+integrations, without the one that adds noise to what is measured. ``--before PATH`` times a checkout of
+an earlier commit too: two processes take turns, so that both have the same machine; a ratio is the median
+of the ratios of neighbours.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from shared import load
 import eladapt as ea
 from eladapt.comparison.baselines import KnownGravityPD, adaptive_pd, indirect
 from eladapt.simulation.faults import FrozenSensor, Jitter, LostNumbers, Packets, WeakMotors
-from eladapt.simulation.instruments import Delay, Encoders, NoisyReadings
+from eladapt.simulation.instruments import Delay, Encoders, FilteredVelocity, NoisyReadings
 
 DT, STEPS = 1e-3, 60
 
@@ -129,6 +129,7 @@ def test_a_controller_inside_that_writes_to_its_inputs_spoils_nothing_around_it(
 PLANTS = {
     "Pinocchio": lambda plant: plant,
     "encoders": Encoders,
+    "filtered": lambda plant: FilteredVelocity(plant, 5e-3),
     "readings": lambda plant: NoisyReadings(plant, ea.Noise(1e-4, 1e-3)),
     "delay": lambda plant: Delay(plant, 3 * DT),
     "lost numbers": lambda plant: LostNumbers(plant, 0.02, 0.03),

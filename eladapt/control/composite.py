@@ -30,6 +30,7 @@ from eladapt.gains.extremes import effort, extremes
 from eladapt.gains.sensing import Hardware
 from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
+from eladapt.robot.joint_limits import require_limit
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement, MixedRegression, Reference, Regression
 
@@ -86,12 +87,7 @@ class CompositeController:
             )
         if isinstance(self.mixing, Unmixed) and not self.law.scalar_rate:
             raise ArgumentError("Gamma, Upsilon: Unmixed needs one common value of Gamma * Upsilon")
-        limit = np.asarray(self.effort_limit, dtype=float)
-        if limit.shape not in ((), (nv,)) or np.isnan(limit).any() or np.any(limit <= 0):
-            raise ArgumentError(
-                f"effort_limit: expected positive, scalar or ({nv},), got {self.effort_limit!r}"
-            )
-        object.__setattr__(self, "effort_limit", np.broadcast_to(limit, (nv,)).copy())
+        object.__setattr__(self, "effort_limit", require_limit("effort_limit", self.effort_limit, nv))
 
     @classmethod
     def for_robot(
@@ -213,7 +209,8 @@ class CompositeController:
         regressor = self.regressors.slotine_li(q, v, reference.v, reference.a, check=False)
         mass_matrix = robot.mass_matrix(q, check=False)
         if self.joints:
-            mass_matrix.reshape(-1)[:: robot.nv + 1] += self._joint_inertia(self.joints, state)
+            diagonal = mass_matrix.ravel(order="K")[:: robot.nv + 1]  # a view, whatever the order in memory
+            diagonal += self._joint_inertia(self.joints, state)
         if measurement.t != state.measurement.t:
             moving = mass_matrix if reference.v.any() or reference.a.any() else None
             state = self._advance(state, Sample(measurement, regressor, e1, e2, moving), dt)

@@ -267,7 +267,7 @@ class Shaped(Around):
         (
             problem.current_position, problem.current_velocity, problem.current_acceleration,
             problem.min_velocity, problem.max_velocity, problem.min_acceleration, problem.max_acceleration,
-        ) = there.tolist()  # fmt: skip  # ruckig takes lists in a tenth of the time
+        ) = there.tolist()  # fmt: skip  # ruckig takes lists in a fifth of the time
         for together in (Synchronization.Time, Synchronization.No):
             problem.synchronization = together
             try:  # some states in the midst of reversals cannot arrive together

@@ -37,6 +37,6 @@ class Review:
 
     def get(self, name: str) -> np.ndarray | None:
         """The rows of this name, None where there are none."""
-        if self._make is not None:
-            self._found, self._make = self._make(), None
+        if (make := self._make) is not None:  # two threads may both make it
+            self._found, self._make = make(), None
         return self._found.get(name)

@@ -46,7 +46,7 @@ class Record:
     controller, robot and versions, in plain JSON types. What is None was not there: a goal that stood still
     has no velocity, only some laws have Delta and zeta, and only a gate has faults and asks for brakes.
     ``excitation`` and ``carried`` are computed when one of them is first read, saved or pickled; until then
-    the record holds the states that they are made of, 30 a second, 50 kB each of a Panda.
+    the record holds the states that they are made of, 30 a second, some 60 kB each of a Panda.
     """
 
     t: np.ndarray  # (N,) [s]
@@ -199,7 +199,7 @@ class Record:
             for field in dataclasses.fields(self)
             if field.name not in (*ARRAYS, *OPTIONAL_ARRAYS, "final_state")
         }
-        header = json.dumps({"format": FORMAT, **rest})
+        header = json.dumps({"format": FORMAT, **rest}, ensure_ascii=False)  # as long as the text
         with atomic_write(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, header=np.array(header), **arrays)
         return path

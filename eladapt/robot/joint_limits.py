@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from eladapt.errors import UnknownNameError, require_gain
+from eladapt.errors import ArgumentError, UnknownNameError, require_gain
 
 PUBLISHED = ("velocity", "acceleration", "jerk", "torque_rate")  # [rad/s, rad/s^2, rad/s^3, N m/s]
 UNSET_VELOCITY = 2.0  # [rad/s or m/s] of a joint for which nobody sets a speed limit
@@ -36,7 +37,7 @@ def position_limits(model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
 
 
 def random_configurations(model: pin.Model, rng: np.random.Generator, count: int) -> list[np.ndarray]:
-    """q (nq,) uniform within the joint limits; (-pi, pi) where none is set."""
+    """``count`` of them, each (nq,), uniform within the joint limits; (-pi, pi) where none is set."""
     lower, upper = position_limits(model)
     low, high = np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi)
     return [pin.integrate(model, pin.neutral(model), rng.uniform(low, high)) for _ in range(count)]
@@ -51,6 +52,18 @@ def clipped_neutral(model: pin.Model) -> np.ndarray:
         if model.nqs[joint] == 1 and low < high:
             q[k] = np.clip(q[k], low, high)
     return q
+
+
+def require_limit(name: str, value: Any, nv: int, *, positive: bool = True) -> np.ndarray:
+    """(nv,) a limit of joints, inf where there is none. Raises ArgumentError, naming it."""
+    try:
+        limit = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        limit = np.array(np.nan)
+    if limit.shape not in ((), (nv,)) or np.isnan(limit).any() or (positive and np.any(limit <= 0)):
+        kind = "positive numbers" if positive else "numbers"
+        raise ArgumentError(f"{name}: expected {kind}, one for all joints or ({nv},), got {value!r}")
+    return np.broadcast_to(limit, (nv,)).copy()
 
 
 def published_limits(given: Mapping[str, Sequence[float] | np.ndarray], nv: int) -> dict[str, np.ndarray]:

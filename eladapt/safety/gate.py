@@ -20,6 +20,7 @@ from eladapt.compiling import prepare
 from eladapt.errors import ArgumentError, UnknownNameError, require_gain, require_number, require_vector
 from eladapt.gains.extremes import effort, extremes
 from eladapt.gains.rules import shown
+from eladapt.robot.joint_limits import require_limit
 from eladapt.robot.model import Robot
 from eladapt.robot.postures import require_holdable, require_within
 from eladapt.robot.protocols import Goal
@@ -40,8 +41,8 @@ FAULTS = (
 LONGEST_HORIZON = 0.2  # [s] of the barrier: slower torque than that is no brake
 FAR = 0.1  # [rad or m] beyond its range a joint is not where it is seen, or nowhere to start from
 EDGE = 1e-3  # [rad or m] by which a goal may be beyond
-# By name; those of positions may be negative.
-LIMITS = ("torque_rate", "velocity", "contact", "lower", "upper")
+RANGE = ("lower", "upper")  # may be negative
+LIMITS = ("torque_rate", "velocity", "contact", *RANGE)
 ROUNDING = 1e-9  # of max_age: steps of dt that sum up to it do not exceed it
 
 
@@ -110,7 +111,9 @@ class TorqueGate:
         nv = self.robot.nv
         object.__setattr__(self, "effort", require_gain("effort", self.effort, nv))
         for name in LIMITS:
-            object.__setattr__(self, name, _limit(name, getattr(self, name), nv))
+            object.__setattr__(
+                self, name, require_limit(name, getattr(self, name), nv, positive=name not in RANGE)
+            )
         if np.any(self.lower >= self.upper):
             raise ArgumentError(f"lower, upper: expected lower < upper, got {self.lower} and {self.upper}")
         for name in ("max_age", "resolution"):
@@ -132,7 +135,8 @@ class TorqueGate:
         legal = [name for name in cls.__dataclass_fields__ if name != "robot"]
         if unknown := [name for name in given if name not in legal]:
             raise UnknownNameError("limit", unknown, legal)
-        given = {k: _limit(k, v, robot.nv) if k in ("effort", *LIMITS) else v for k, v in given.items()}
+        for name in [name for name in ("effort", *LIMITS) if name in given]:
+            given[name] = require_limit(name, given[name], robot.nv, positive=name not in RANGE)
         if "max_age" in given:
             require_number("max_age", given["max_age"], 0)
         limit = given.get("effort", effort(robot, extremes(robot)))
@@ -292,18 +296,6 @@ class TorqueGate:
             f"{self.lower[i]:.4g} and {self.upper[i]:.4g}"
         )
         return Alarm("joint limit", said)
-
-
-def _limit(name: str, value: Any, nv: int) -> np.ndarray:
-    """(nv,) a limit, inf where there is none. Raises ArgumentError, naming it."""
-    sign = "" if name in ("lower", "upper") else "positive "
-    try:
-        limit = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        limit = np.array(np.nan)
-    if limit.shape not in ((), (nv,)) or np.isnan(limit).any() or (sign and np.any(limit <= 0)):
-        raise ArgumentError(f"{name}: expected {sign}numbers, one for all joints or ({nv},), got {value!r}")
-    return np.broadcast_to(limit, (nv,)).copy()
 
 
 def checked_torque(tau: Any, nv: int) -> np.ndarray:

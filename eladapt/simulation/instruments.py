@@ -114,7 +114,7 @@ class FilteredVelocity(Wrapper):
     def reset(self) -> Measurement:
         """The plant's first measurement, with the filter at rest there."""
         measurement = self.plant.reset()
-        self._t, self._v = measurement.t, measurement.v
+        self._t, self._v = measurement.t, measurement.v.copy()
         return measurement
 
     def step(self, tau: np.ndarray, dt: float) -> Measurement:

@@ -88,6 +88,7 @@ class MujocoPlant:
         self.q0 = robot.check_q(np.array(q0, dtype=float), "q0")
         self.v0 = np.zeros(robot.nv) if v0 is None else robot.check_v(np.array(v0, dtype=float), "v0")
         self.friction, self.noise = friction or Friction(), noise or Noise()
+        self.friction.by_joint(robot.nv)  # refuses another number of joints
         self.brakes = brakes or Brakes()
         self.joint_friction = joint_friction
         self.payload = Payload(float(payload)) if isinstance(payload, int | float) else payload

@@ -62,6 +62,7 @@ class PinocchioPlant:
         self.q0 = robot.check_q(np.array(q0, dtype=float), "q0")
         self.v0 = np.zeros(robot.nv) if v0 is None else robot.check_v(np.array(v0, dtype=float), "v0")
         self.friction, self.noise = friction or Friction(), noise or Noise()
+        self.friction.by_joint(robot.nv)  # refuses another number of joints
         self.brakes = brakes or Brakes()
         self.payload = Payload(float(payload)) if isinstance(payload, int | float) else payload
         self._loaded = robot.model if self.payload is None else self.payload.loaded(robot)

@@ -218,5 +218,8 @@ def test_parts_that_do_not_fit_are_refused(loop):
     law = ea.CompositeLaw(Gamma=[1, 2])
     with pytest.raises(ArgumentError, match="one common value"):
         ea.CompositeController(*parts[:4], law, derived.control)
+    for limit in (0.0, [1.0], "a lot"):
+        with pytest.raises(ArgumentError, match="effort_limit: expected positive numbers, one for all"):
+            dataclasses.replace(derived, effort_limit=limit)
     with pytest.raises(ArgumentError, match="theta0"):
         derived.init(loop[2].reset(), theta0=[1.0])

@@ -13,6 +13,7 @@ from eladapt.records.metrics import chatter
 from eladapt.records.recorder import Recorder
 from eladapt.signals import Reference
 from eladapt.simulation.faults import LostNumbers
+from eladapt.urdf.checks import MAX_BYTES
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,14 @@ def test_round_trip_is_exact(record, tmp_path):
         assert np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
     assert ea.Robot.from_source(again.robot_source).joint_names == record.joint_names
     assert again.configuration["controller"]["control"]["class"] == "FiniteTimePD"
+
+
+@pytest.mark.parametrize("letter", ["\xd0", '"'], ids=["not ASCII", "quotes"])
+def test_the_largest_robot_file_that_is_read_goes_into_a_record(record, letter, tmp_path):
+    """Also of letters that JSON may write as six."""
+    largest = {"urdf": "arm.urdf", "text": letter * MAX_BYTES}
+    path = dataclasses.replace(record, robot_source=largest).save(tmp_path / "run.npz")
+    assert ea.Record.load(path).robot_source["text"] == largest["text"]
 
 
 def test_a_failed_write_damages_nothing(record, tmp_path, monkeypatch):

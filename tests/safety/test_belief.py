@@ -141,3 +141,17 @@ def test_thresholds_follow_the_arm():
     belief = Belief.for_robot(robot, robot.effort_limit, robot.velocity_limit)
     assert np.all(belief.against[:2] > 20.0)  # 24 N at 0.8 m
     assert np.all(belief.silent >= belief.against)
+
+
+@pytest.mark.parametrize(("torque", "alarms"), [("to and fro", False), ("one way", True)])
+def test_a_joint_that_friction_holds_may_be_pushed_to_and_fro_but_not_ever_harder(torque, alarms):
+    """It stands still for two seconds, while its torque swings ten times by less than friction may bear, or
+    grows within a tenth of a second to more."""
+    robot = load("panda")
+    belief = Belief.for_robot(robot, robot.effort_limit, robot.velocity_limit)
+    state, still, gravity = belief.init(), np.zeros(robot.nv), robot.gravity(robot.configuration(robot.home))
+    for k in range(2000):
+        share = 0.4 * np.sin(10 * np.pi * k * DT) if torque == "to and fro" else min(14 * k * DT, 1.4)
+        push = put(still, 2, share * belief.silent[2])
+        state = belief.step(state, still, still, still, gravity + push, gravity, DT)
+    assert (getattr(belief.alarm(state), "name", None) == "unresponsive") == alarms

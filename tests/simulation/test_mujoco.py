@@ -228,6 +228,7 @@ def test_what_mujoco_refuses_is_said(mujoco_plant, tmp_path):
         ({"integrator": "euler"}, ArgumentError, "integrator: expected 'rk4', 'implicitfast'"),
         ({"substeps": 0}, ArgumentError, "substeps: expected at least 1"),
         ({"payload": -1.0}, ArgumentError, "mass"),
+        ({"friction": ea.Friction(viscous=[1.0] * 3)}, ArgumentError, "viscous: expected a scalar or shape"),
         ({"payload": ea.Payload(1.0, frame="hand")}, UnknownNameError, "'hand'; legal names: .*tip"),
     ],
 )

@@ -158,6 +158,7 @@ def test_divergence_is_an_error_that_keeps_the_record():
         ({"integrator": "magic"}, ArgumentError, "integrator"),
         ({"substeps": 0}, ArgumentError, "substeps"),
         ({"payload": -1.0}, ArgumentError, "mass"),
+        ({"friction": ea.Friction(viscous=[1.0] * 3)}, ArgumentError, "viscous: expected a scalar or shape"),
         ({"payload": ea.Payload(1.0, frame="hand")}, UnknownNameError, "'hand'; legal names: .*tip"),
     ],
 )

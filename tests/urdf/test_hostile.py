@@ -318,7 +318,7 @@ def test_a_package_folder_may_be_anywhere_but_not_left(tmp_path):
         (tmp_path / "packages" / "arm" / "out.stl").unlink(missing_ok=True)
         (tmp_path / "packages" / "arm" / "out.stl").symlink_to(tmp_path / "secret.stl")
         urdf.write_text(meshed(out))
-        with pytest.raises(MeshWarning, match=r"lies outside the folders|there is none in"):
+        with pytest.raises(MeshWarning, match="lies outside the folders"):
             drawn(urdf, tmp_path / "share")
     urdf.write_text(meshed("../packages/arm/part.stl"))
     with pytest.raises(MeshWarning, match="lies outside the folders"):
