@@ -13,7 +13,7 @@ from worlds_to_fail import deadly, pd, raising
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, StressError
-from eladapt.worlds.rows import ROW, complete, row_of
+from eladapt.worlds.rows import ROW, complete, row_of, text
 from eladapt.worlds.sending import rows_of
 from eladapt.worlds.trials import Trials
 
@@ -187,8 +187,40 @@ def test_a_replay_is_what_its_row_says():
     record = result.replay(seed)
     last = record.t > record.t[-1] - 0.5
     assert np.abs(record.error[last]).max() == result.rows["steady"][1]
+    assert np.isnan(result.rows["torque"]).all()  # a part of limits that this arm does not have
     with pytest.raises(ArgumentError, match="seed: expected one of a world, 300000000 to 300000001, got 1"):
         result.replay(1)
+
+
+INF = float("inf")
+ALONE = ea.Criteria(within=INF, tracking=INF, overshoot=INF, speed=INF, beyond=INF)  # but for one demand
+
+
+@pytest.mark.parametrize(
+    ("demand", "cause"), [("within", "not settled"), ("tracking", "not tracking"), ("overshoot", "overshoot")]
+)
+def test_the_joint_that_fails_is_named(demand, cause):
+    """By the record: the last that comes to rest, the furthest off, the furthest past its goal."""
+    strict = dataclasses.replace(ALONE, settled=2e-3, **{demand: 0.0})
+    trials, named = Trials(load("two_link"), pd, SHORT, strict, dt=4e-3), set()
+    for seed in range(8):
+        row = trials.row(seed)
+        if row["good"]:
+            continue
+        record, motion = trials.record(seed), trials.world(seed).motion(trials.robot)
+        error = np.abs(record.error)
+        outside = np.flatnonzero((error > 2e-3).any(axis=1))
+        past = (record.q - motion.end) * np.sign(motion.end - motion.q0)
+        figures = {
+            "within": error[outside[-1]], "tracking": error[record.t <= motion.duration].max(axis=0),
+            "overshoot": past[::5].max(axis=0),
+        }  # fmt: skip
+        joint = int(np.argmax(figures[demand]))
+        assert text(row["cause"][()]) == cause
+        assert row["joint"] == joint
+        assert text(row["said"][()]).endswith(trials.robot.joint_names[joint])
+        named.add(joint)
+    assert named == {0, 1}
 
 
 def test_only_so_many_worlds_are_on_their_way_at_once():
