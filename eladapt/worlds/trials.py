@@ -60,10 +60,11 @@ class Trials:
         for name, kind in (("distributions", Distributions), ("criteria", Criteria)):
             if not isinstance(getattr(self, name), kind):
                 raise ArgumentError(f"{name}: expected {kind.__name__}, got {getattr(self, name)!r}")
-        if not hasattr(self.controller, "step") and not callable(self.controller):
+        made: Any = self.controller
+        if not hasattr(made, "step") and not (callable(made) and hasattr(made, "__qualname__")):
             raise ArgumentError(
                 "controller: expected one with init and step, or a function of robot, told hardware and dt "
-                f"that makes one, got {self.controller!r}"
+                f"that makes one, at the top of a module, got {made!r}"
             )
         object.__setattr__(self, "dt", require_number("dt", self.dt, 0))
 
