@@ -18,7 +18,6 @@ class Limit(NamedTuple):
     column: str
     most: float
     unit: str
-    where: bool  # whether the joint is to be named
 
 
 @dataclass(frozen=True)
@@ -47,21 +46,27 @@ class Criteria:
     def limits(self) -> tuple[Limit, ...]:
         """All demands."""
         return (
-            Limit("left its range", "beyond", self.beyond, "rad beyond it", False),
-            Limit("too fast", "speed", self.speed, "of the speed limit", False),
-            Limit("not settled", "settling", self.within, "s after the last change", True),
-            Limit("not tracking", "tracking", self.tracking, "rad while moving", True),
-            Limit("overshoot", "overshoot", self.overshoot, "rad past the goal", True),
-            Limit("gravity not learned", "gravity_error", self.gravity, "of an effort limit", False),
+            Limit("left its range", "beyond", self.beyond, "rad beyond it"),
+            Limit("too fast", "speed", self.speed, "of the speed limit"),
+            Limit("not settled", "settling", self.within, "s after the last change"),
+            Limit("not tracking", "tracking", self.tracking, "rad while moving"),
+            Limit("overshoot", "overshoot", self.overshoot, "rad past the goal"),
+            Limit("gravity not learned", "gravity_error", self.gravity, "of an effort limit"),
         )
 
-    def judged(self, found: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
-        """Whether it was good, and else the first cause with its figures; found: the columns of `ROW`."""
+    def judged(
+        self, found: Mapping[str, Any], largest: Mapping[str, int], names: Sequence[str]
+    ) -> dict[str, Any]:
+        """Whether it was good, and else the first cause with its figures.
+
+        found: the columns of `ROW`. largest: by column, which of the joints (their names) has the most of it.
+        """
         if found["fault"]:
             return {"good": False, "cause": f"fault: {found['fault']}", "said": found["said"]}
-        for cause, column, most, unit, where in self.limits:
+        for cause, column, most, unit in self.limits:
             if found[column] > most:  # nan, of what is not known, is not asked
-                joint = f", {joints[found['joint']]}" if where else ""
-                said = f"{found[column]:.3g} {unit}, at most {most:g}{joint}"
-                return {"good": False, "cause": cause, "said": said}
+                said = f"{found[column]:.3g} {unit}, at most {most:g}"
+                if (joint := largest.get(column, -1)) >= 0:
+                    said += f", {names[joint]}"
+                return {"good": False, "cause": cause, "said": said, "joint": joint}
         return {"good": True, "cause": "", "said": ""}

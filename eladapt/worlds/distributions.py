@@ -61,7 +61,7 @@ class Distributions:
     delay: Range = (0.0, 2e-3)  # [s] beyond the step; in whole steps when simulated
     velocity_lag: Range = (0.0, 3e-3)  # [s]
     told: float = 0.2  # up to which part commissioning is off about noise, delay and lag
-    jitter: Range = (0.0, 0.1)  # of a step
+    jitter: Range = (0.0, 0.1)  # of a step, by which it lasts longer or shorter, as its stamp says
     tilt: float = 0.0175  # [rad] up to which the base is not level, 1 degree
     integrators: tuple[Literal["rk4", "euler"], ...] = ("rk4",)
 
@@ -145,7 +145,7 @@ class Distributions:
         }  # fmt: skip
 
 
-TOLD = tuple(field.name for field in dataclasses.fields(Hardware))
+TOLD = ("position_noise", "velocity_noise", "delay", "velocity_lag")  # stamps say how long a step lasted
 
 
 class Facts(NamedTuple):

@@ -16,7 +16,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -48,18 +48,13 @@ class Folder:
 
     def __init__(self, path: Path, settings: Mapping[str, str], worlds: int):
         self.path, self.rows_path = path, path / ROWS
+        if path.exists() and not path.is_dir():
+            raise StressError(f"{path}: is a file; expected a folder")
         with told(path):
             path.mkdir(parents=True, exist_ok=True)
-            self._claim(settings)
-            self._lock = open(path / CONFIGURATION, "rb")  # noqa: SIM115 (until it is closed)
+            self._lock = _locked(path)
             try:
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                self._lock.close()
-                raise StressError(
-                    f"{path}: another stress test is writing to it; wait, or take another"
-                ) from None
-            try:
+                self._claim(settings)
                 self.size = max(worlds, _rows_in(self.rows_path))
                 if self.size > _rows_in(self.rows_path):
                     _make_room(self.rows_path, self.size)
@@ -91,21 +86,20 @@ class Folder:
 
     def _claim(self, settings: Mapping[str, str]) -> None:
         """Write the configuration where there is none; refuse another one."""
-        path = self.path / CONFIGURATION
-        if not path.exists():
-            if others := sorted(file.name for file in self.path.iterdir()):
-                listed = ", ".join(others[:3])
-                raise StressError(
-                    f"{self.path}: expected a new folder, or one of a stress test; it has {listed}"
-                )
-            with atomic_write(path) as temporary:
-                temporary.write_text(json.dumps(settings, indent=1))
+        self._lock.seek(0)
+        kept = self._lock.read()
+        if not kept:
+            self._lock.write(json.dumps(settings, indent=1).encode())
+            self._lock.flush()
+            os.fsync(self._lock.fileno())
             return
         try:
-            there = json.loads(path.read_text("utf-8"))
+            there = json.loads(kept)
             names = sorted(name for name in {*there, *settings} if there.get(name) != settings.get(name))
         except (ValueError, TypeError, AttributeError) as reason:
-            raise StressError(f"{path}: is no configuration of a stress test ({reason})") from reason
+            raise StressError(
+                f"{self._lock.name}: is no configuration of a stress test ({reason})"
+            ) from reason
         if names:
             listed = "; ".join(
                 f"{n}: {there.get(n, '-')} there, {settings.get(n, '-')} now" for n in names[:SHOWN]
@@ -115,6 +109,29 @@ class Folder:
                 f"{self.path}: has the results of another configuration, which stay as they are; expected "
                 f"the same, or another folder. {listed}{more}"
             )
+
+
+def _locked(path: Path) -> BinaryIO:
+    """The file of a folder's configuration, which nobody else has until it is closed; empty in a new folder.
+
+    Locked before it is read or written, so that of two that begin at once one gets the folder. Raises
+    StressError where it is in use, or something else's.
+    """
+    if (there := sorted(file.name for file in path.iterdir())) and CONFIGURATION not in there:
+        listed = ", ".join(there[:3])
+        raise StressError(f"{path}: expected a new folder, or one of a stress test; it has {listed}")
+    # To write, since network file systems lock nothing else exclusively.
+    file = open(path / CONFIGURATION, "a+b")  # noqa: SIM115 (until it is closed)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as reason:
+        file.close()
+        if isinstance(reason, BlockingIOError):
+            raise StressError(
+                f"{path}: another stress test is writing to it; wait, or take another"
+            ) from None
+        raise
+    return file
 
 
 def read(path: Path) -> np.ndarray:

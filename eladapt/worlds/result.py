@@ -89,7 +89,8 @@ class Stress:
 
     def world(self, seed: int) -> World:
         """One of the worlds. Raises ArgumentError for a seed that is none of them."""
-        if not self.first <= seed < self.first + self.worlds:
+        whole = isinstance(seed, int | np.integer)
+        if not whole or not self.first <= seed < self.first + self.worlds:
             last = self.first + self.worlds - 1
             raise ArgumentError(f"seed: expected one of a world, {self.first} to {last}, got {seed!r}")
         return self.trials.world(seed)

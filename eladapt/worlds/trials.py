@@ -60,10 +60,11 @@ class Trials:
         for name, kind in (("distributions", Distributions), ("criteria", Criteria)):
             if not isinstance(getattr(self, name), kind):
                 raise ArgumentError(f"{name}: expected {kind.__name__}, got {getattr(self, name)!r}")
-        if not hasattr(self.controller, "step") and not callable(self.controller):
+        made: Any = self.controller
+        if not hasattr(made, "step") and not (callable(made) and hasattr(made, "__qualname__")):
             raise ArgumentError(
                 "controller: expected one with init and step, or a function of robot, told hardware and dt "
-                f"that makes one, got {self.controller!r}"
+                f"that makes one, at the top of a module, got {made!r}"
             )
         object.__setattr__(self, "dt", require_number("dt", self.dt, 0))
 
@@ -82,11 +83,12 @@ class Trials:
             world = self.world(seed)
             found |= factors(self.robot, world)
             record, controller = self._simulated(world)
-            found |= self._measured(record, world, controller)
+            measured, largest = self._measured(record, world, controller)
+            found |= measured
         except Exception as reason:
             found |= {"cause": self._raised(reason), "said": f"{type(reason).__name__}: {reason}"}
             return row_of(found)
-        return row_of(found | self.criteria.judged(found, self.robot.joint_names))
+        return row_of(found | self.criteria.judged(found, largest, self.robot.joint_names))
 
     def _simulated(self, world: World) -> tuple[Record, BareController]:
         robot, dt = self.robot, self.dt
@@ -107,31 +109,40 @@ class Trials:
         cause = reason.__cause__ if isinstance(reason, SimulationError) and reason.__cause__ else reason
         return f"raised {type(cause).__name__}"
 
-    def _measured(self, record: Record, world: World, controller: BareController) -> dict[str, Any]:
-        """The criteria's columns."""
+    def _measured(
+        self, record: Record, world: World, controller: BareController
+    ) -> tuple[dict[str, Any], dict[str, int]]:
+        """The criteria's columns, and by column the joint that has the most of it."""
         robot, motion = self.robot, world.motion(self.robot)
         error, moving = np.abs(record.error), record.t <= motion.duration
         last = record.t > record.t[-1] - STEADY
         metrics = record.metrics(self.criteria.settled)
         way = robot.difference(motion.q0, motion.end)
         past = np.array([robot.difference(motion.end, q) for q in record.q[::OVERSHOOT_EVERY]]) * np.sign(way)
-        share = np.abs(record.tau) / record.effort_limit
+        limited = np.isfinite(record.effort_limit)
+        share = np.abs(record.tau[:, limited]) / record.effort_limit[limited]
         changes = [t for t in (world.attach, world.release) if world.load and np.isfinite(t)]
-        blamed = error[last] if error[last].max() > self.criteria.settled else error
         fault = record.faults[0] if record.faults else None
-        return {
+        measured = {
             "settling": max(0.0, metrics.settling_time - max(motion.duration, *changes, 0.0)),
             "steady": error[last].max(),
             "tracking": error[moving].max(), "overshoot": max(0.0, past.max()),
-            "speed": metrics.speed.value, "torque": share.max(), "chatter": metrics.chatter,
+            "speed": metrics.speed.value, "torque": share.max() if limited.any() else math.nan,
+            "chatter": metrics.chatter,
             "saturated": self.dt * np.count_nonzero((share >= FULL).any(axis=1)),
             "beyond": metrics.beyond.value if metrics.beyond else math.nan,
             "gravity_error": self._gravity_error(record, world, controller),
             "weighed": weighed(controller, record.final_state),
-            "joint": int(np.argmax(blamed.max(axis=0))),
             "fault": fault.name if fault else "", "fault_at": fault.t if fault else math.nan,
             "said": str(fault) if fault else "",
         }  # fmt: skip
+        outside = np.flatnonzero((error > self.criteria.settled).any(axis=1))
+        course = {"settling": error[outside[-1:]], "tracking": error[moving], "overshoot": past}
+        largest = {name: int(np.argmax(of.max(axis=0, initial=0.0))) for name, of in course.items()}
+        for name, extreme in (("speed", metrics.speed), ("beyond", metrics.beyond)):
+            if extreme and extreme.joint:
+                largest[name] = robot.joint_names.index(extreme.joint)
+        return measured, largest
 
     def _gravity_error(self, record: Record, world: World, controller: BareController) -> float:
         """The largest error of the learned gravity torque where the arm ends, as a part of an effort."""

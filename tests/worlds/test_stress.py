@@ -2,6 +2,8 @@
 
 import dataclasses
 import errno
+import functools
+import json
 import os
 import pickle
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -13,7 +15,8 @@ from worlds_to_fail import deadly, pd, raising
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, StressError
-from eladapt.worlds.rows import ROW, complete, row_of
+from eladapt.worlds.folder import Folder
+from eladapt.worlds.rows import ROW, complete, row_of, text
 from eladapt.worlds.sending import rows_of
 from eladapt.worlds.trials import Trials
 
@@ -177,6 +180,33 @@ def test_a_folder_of_something_else_or_in_use_is_refused(tmp_path):
             return super().submit(call, *arguments, **named)
 
     ea.stress(load("two_link"), pd, 1, executor=Meanwhile(), out=tmp_path / "out", **NO_BAR)
+    with pytest.raises(StressError, match=r"thesis\.tex: is a file; expected a folder"):
+        ea.stress(load("two_link"), pd, 1, executor=AtOnce(), out=tmp_path / "thesis.tex", **NO_BAR)
+
+
+def test_of_two_that_begin_at_once_one_gets_the_folder(tmp_path, monkeypatch):
+    """The second comes when the first has looked at the new folder and not yet written to it."""
+    settings, other, dumped = {"seed": "0"}, {"seed": "1"}, []
+    plain = json.dumps
+
+    def meanwhile(*given, **options):
+        monkeypatch.setattr(json, "dumps", plain)
+        with pytest.raises(StressError, match="another stress test is writing to it"):
+            Folder(tmp_path, other, 1)
+        dumped.append(True)
+        return plain(*given, **options)
+
+    monkeypatch.setattr(json, "dumps", meanwhile)
+    folder = Folder(tmp_path, settings, 1)
+    folder.close()
+    assert dumped
+    assert json.loads((tmp_path / "configuration.json").read_text()) == settings
+
+
+def test_a_configuration_that_a_kill_left_empty_is_that_of_a_new_folder(tmp_path):
+    (tmp_path / "configuration.json").touch()
+    Folder(tmp_path, {"seed": "0"}, 1).close()
+    assert json.loads((tmp_path / "configuration.json").read_text()) == {"seed": "0"}
 
 
 def test_a_replay_is_what_its_row_says():
@@ -187,8 +217,41 @@ def test_a_replay_is_what_its_row_says():
     record = result.replay(seed)
     last = record.t > record.t[-1] - 0.5
     assert np.abs(record.error[last]).max() == result.rows["steady"][1]
-    with pytest.raises(ArgumentError, match="seed: expected one of a world, 300000000 to 300000001, got 1"):
-        result.replay(1)
+    assert np.isnan(result.rows["torque"]).all()  # a part of limits that this arm does not have
+    for wrong in (1, seed + 0.5):
+        with pytest.raises(ArgumentError, match="seed: expected one of a world, 300000000 to 300000001, got"):
+            result.replay(wrong)
+
+
+INF = float("inf")
+ALONE = ea.Criteria(within=INF, tracking=INF, overshoot=INF, speed=INF, beyond=INF)  # but for one demand
+
+
+@pytest.mark.parametrize(
+    ("demand", "cause"), [("within", "not settled"), ("tracking", "not tracking"), ("overshoot", "overshoot")]
+)
+def test_the_joint_that_fails_is_named(demand, cause):
+    """By the record: the last that comes to rest, the furthest off, the furthest past its goal."""
+    strict = dataclasses.replace(ALONE, settled=2e-3, **{demand: 0.0})
+    trials, named = Trials(load("two_link"), pd, SHORT, strict, dt=4e-3), set()
+    for seed in range(8):
+        row = trials.row(seed)
+        if row["good"]:
+            continue
+        record, motion = trials.record(seed), trials.world(seed).motion(trials.robot)
+        error = np.abs(record.error)
+        outside = np.flatnonzero((error > 2e-3).any(axis=1))
+        past = (record.q - motion.end) * np.sign(motion.end - motion.q0)
+        figures = {
+            "within": error[outside[-1]], "tracking": error[record.t <= motion.duration].max(axis=0),
+            "overshoot": past[::5].max(axis=0),
+        }  # fmt: skip
+        joint = int(np.argmax(figures[demand]))
+        assert text(row["cause"][()]) == cause
+        assert row["joint"] == joint
+        assert text(row["said"][()]).endswith(trials.robot.joint_names[joint])
+        named.add(joint)
+    assert named == {0, 1}
 
 
 def test_only_so_many_worlds_are_on_their_way_at_once():
@@ -242,6 +305,7 @@ def test_the_factor_that_makes_worlds_fail_is_named_first(tmp_path):
         ({"seed": -1}, "seed: expected a whole number from 0"),
         ({"controller": lambda robot, told, dt: None}, "must stand at the top of a module"),
         ({"controller": 3}, "controller: expected one with init and step, or a function"),
+        ({"controller": functools.partial(pd)}, "controller: expected one with init and step, or a function"),
         ({"distributions": {"tilt": 1}}, "distributions: expected Distributions"),
         ({"robot": "panda"}, "robot: expected a Robot"),
         ({"dt": 0}, "dt: expected a finite number"),
@@ -252,10 +316,12 @@ def test_bad_arguments_are_told_before_anything_runs(given, said):
         ea.stress(**{"robot": load("two_link"), "executor": AtOnce(0), **given})
 
 
-def test_results_can_be_pickled():
-    """As a notebook or another process wants them."""
-    trials = Trials(load("two_link"), pd, SHORT)
-    assert dataclasses.asdict(pickle.loads(pickle.dumps(trials)).distributions) == dataclasses.asdict(SHORT)
+def test_results_can_be_pickled(tmp_path):
+    """As a notebook or another process wants them; a world is the same there."""
+    result = ea.stress(load("two_link"), pd, 2, executor=AtOnce(), out=tmp_path / "out", **NO_BAR)
+    again = pickle.loads(pickle.dumps(result))
+    assert rows(again) == rows(result)
+    assert again.world(1) == result.world(1)
 
 
 @pytest.mark.slow

@@ -66,6 +66,16 @@ def test_without_variation_the_arm_is_the_file():
     np.testing.assert_allclose(seen.v, expected.v, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_what_the_controller_is_told_is_the_truth_within_a_fifth(seed):
+    """Of noise, delay and lag; stamps say when a step ended, so none is off, however long the step."""
+    world = ea.Distributions().world(load("panda"), seed)
+    for name in ("position_noise", "velocity_noise", "delay", "velocity_lag"):
+        assert float(getattr(world.told, name)) == pytest.approx(getattr(world, name), rel=0.2)
+    assert world.jitter > 0
+    assert world.told.jitter == 0
+
+
 def test_a_tilted_base_turns_gravity_and_leaves_its_size():
     robot = load("panda")
     world = dataclasses.replace(EXACT.world(robot, 0), tilt=(np.pi / 2, 0.0))
