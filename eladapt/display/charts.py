@@ -110,7 +110,6 @@ def learning(record: Record) -> list[Any]:
 
 def comparison(records: Sequence[Record], labels: Sequence[str]) -> list[Any]:
     """One line a record: the largest error, torque and estimation error of all joints."""
-    longest = max(records, key=lambda record: float(record.t[-1]))
     wanted: list[tuple[str, str, bool, Callable[[Record], np.ndarray | None]]] = [
         ("largest position error of all joints", "max |e| [rad]", True, lambda r: r.error),
         ("largest velocity of all joints", "max |v| [rad/s]", False, lambda r: r.v),
@@ -118,7 +117,7 @@ def comparison(records: Sequence[Record], labels: Sequence[str]) -> list[Any]:
         ("largest error of a gravity parameter", "max |θ - true| [N m]", True,
          lambda r: r.theta_error if r.theta_true is not None and r.theta.shape[1] else None),
     ]  # fmt: skip
-    charts, x = [], _time(longest)
+    charts, x = [], _time(*records)
     for title, unit, log, values_of in wanted:
         drawn = chart(title, unit, x, log=log)
         shown = [(i, r, v) for i, r in enumerate(records) if (v := values_of(r)) is not None]
@@ -178,10 +177,9 @@ def lines(
         into.legend[0].items.append(LegendItem(label=name, renderers=[line]))
         tip = [("", "$name"), ("time", "@t{0.000} s"), ("value", "@y{0.000e+0}" if log else "@y{0.0000}")]
         into.add_tools(HoverTool(renderers=[line], tooltips=tip, visible=False))
-    if log and np.nanmin(values, initial=1.0) < SMALLEST:
-        top = float(np.nanmax(values, initial=10 * SMALLEST))
-        before = into.y_range.end if isinstance(into.y_range, Range1d) else top
-        into.y_range = Range1d(SMALLEST, max(before, 2 * top))
+    drawn = np.concatenate([line.data_source.data["y"] for line in into.renderers]) if log else values
+    if log and np.nanmin(drawn, initial=1.0) < SMALLEST:
+        into.y_range = Range1d(SMALLEST, 2 * float(np.nanmax(drawn, initial=10 * SMALLEST)))
 
 
 def level(into: Any, at: float, colour: str, dash: str) -> None:
@@ -213,8 +211,10 @@ def bounds_of(record: Record) -> np.ndarray | None:
     return np.broadcast_to(bounds, (record.theta.shape[1], 2))
 
 
-def _time(record: Record) -> Range1d:
-    return Range1d(float(record.t[0]), float(max(record.t[-1], record.t[0] + record.dt)))
+def _time(*records: Record) -> Range1d:
+    """From where the first of them begins to where the last one ends, at least a step."""
+    ends = [max(record.t[-1], record.t[0] + record.dt) for record in records]
+    return Range1d(float(min(record.t[0] for record in records)), float(max(ends)))
 
 
 def _load_range(record: Record) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -16,6 +16,7 @@ from eladapt.files import atomic_write
 HANDLE = 5.0  # [em] of a legend's entry, beside its letters
 SUFFIXES = (".png", ".pdf", ".svg")
 StyleName = Literal["screen", "paper"]
+Entry = TypeVar("Entry")
 
 
 class Style(NamedTuple):
@@ -96,6 +97,11 @@ def require_suffix(path: str | Path) -> None:
 def plain(text: str) -> str:
     """Text in which matplotlib finds no formula."""
     return text.replace("$", r"\$")
+
+
+def across(entries: Sequence[Entry], columns: int) -> list[Entry]:
+    """A legend's entries so that they are read line by line; matplotlib fills one column after the other."""
+    return [entry for column in range(columns) for entry in entries[column::columns]]
 
 
 def legend_columns(figure: Picture, entries: Sequence[str], size: float) -> int:

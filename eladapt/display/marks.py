@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.transforms import Bbox, BboxBase
 
 from eladapt.display.curves import ARRIVED, FAULT_COLOUR, look
 from eladapt.display.figures import plain
@@ -31,21 +32,24 @@ class Spot(NamedTuple):
 def write(
     axes: Axes, text: str, spots: Sequence[Spot], size: float, colour: str, *, always: bool = True
 ) -> bool:
-    """A text at the spot from which the curves are farthest, the first of those that are as good; whether it
-    was written. always: even over a curve, where no spot is free. The figure's layout must be known."""
+    """A text at the spot from which curves are farthest and where no text is, the first of those that are as
+    good; whether it was written. always: even where no spot is free. The figure's layout must be known."""
+    taken = [_in_parts(axes, other.get_window_extent()) for other in axes.texts]
     written = axes.annotate(
         text, (0.5, 0.5), xycoords="axes fraction", fontsize=size, color=colour, zorder=4,
         bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.3},
     )  # fmt: skip
     written.set_in_layout(False)
-    box, own = axes.get_window_extent(), written.get_window_extent()
-    width, height = own.width / box.width, 1.15 * own.height / box.height
+    own = _in_parts(axes, written.get_window_extent())
+    width, height = own.width, 1.15 * own.height
     curves = _curves(axes)
 
     def clearance(spot: Spot) -> float:
         left = spot.x - {"left": 0.0, "center": 0.5, "right": 1.0}[spot.ha] * width
         low = spot.y - {"bottom": 0.0, "center": 0.5, "top": 1.0}[spot.va] * height
         if left < -0.01 or left + width > 1.01 or low < -0.01 or low + height > 1.05:
+            return -1.0
+        if any(Bbox.from_bounds(left, low, width, height).overlaps(other) for other in taken):
             return -1.0
         at = np.linspace(left, left + width, LOOKS)
         gaps = [np.abs(np.interp(at, x, y) - low - height / 2) - height / 2 for x, y in curves]
@@ -58,6 +62,11 @@ def write(
     written.xy = best[:2]
     written.set(position=best[:2], ha=best.ha, va=best.va)
     return True
+
+
+def _in_parts(axes: Axes, box: BboxBase) -> Bbox:
+    """A box of pixels in parts of the axes."""
+    return box.transformed(axes.transAxes.inverted())
 
 
 def _curves(axes: Axes) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -137,7 +146,8 @@ def draw_limits(axes: Axes, near: Sequence[Limit]) -> None:
 
 
 def name_limits(axes: Axes, near: Sequence[Limit], size: float) -> None:
-    """Whose limits they are: above or below the lines, or beside the title where curves leave no room."""
+    """Whose limits they are: above or below the lines, in fewer words where there is less room, or beside the
+    title where there is none."""
     bottom, top = axes.get_ylim()
     left = []
     for limit in near:
@@ -148,9 +158,13 @@ def name_limits(axes: Axes, near: Sequence[Limit], size: float) -> None:
             for y, va in (heights if high > 0.5 else heights[::-1])
             for x, ha in ((0.995, "right"), (0.5, "center"), (0.005, "left"))
         ]
-        said = f"limit of {', '.join(limit.joints)}"
-        if not write(axes, plain(said), spots, size, "0.3", always=False):
-            left.append(f"{said}: {limit.levels[-1]:.4g}")
+        first, *more = limit.joints
+        said = [
+            f"limit of {', '.join(limit.joints)}",
+            *([f"limit of {first}, {len(more)} more"] if more else ()),
+        ]
+        if not any(write(axes, plain(text), spots, size, "0.3", always=False) for text in said):
+            left.append(f"{said[-1]}: {limit.levels[-1]:.4g}")
     if left:
         axes.annotate(
             plain("; ".join(left)), (1.0, 1.01), xycoords="axes fraction", ha="right", va="bottom",

@@ -10,7 +10,15 @@ import matplotlib as mpl
 import numpy as np
 
 from eladapt.display.curves import look
-from eladapt.display.figures import Picture, StyleName, legend_columns, plain, require_suffix, style_of
+from eladapt.display.figures import (
+    Picture,
+    StyleName,
+    across,
+    legend_columns,
+    plain,
+    require_suffix,
+    style_of,
+)
 from eladapt.display.panels import add_markers
 from eladapt.motion.motions import Motion
 
@@ -79,6 +87,7 @@ def _stacked(
             figure.suptitle(plain(title))
         handles, labels = axes.get_legend_handles_labels()
         columns = legend_columns(figure, labels, looks.note)
+        handles, labels = across(handles, columns), across(labels, columns)
         figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=looks.note)
     if path is not None:
         figure.save(path)

@@ -16,7 +16,7 @@ from eladapt.viewing.page import POLICY
 
 with needing("a report needs Bokeh", "report"):
     from bokeh.embed import file_html
-    from bokeh.layouts import column, gridplot
+    from bokeh.layouts import column, row
     from bokeh.models import Div, TabPanel, Tabs
     from bokeh.resources import INLINE
 
@@ -26,6 +26,8 @@ TEMPLATE = (
     + POLICY
     + '"><style>body { margin: 14px }</style>{% endblock %}'
 )
+LEFT = 80  # [px] beside a chart, so that the times of one are below those of another
+HALF = ":host { flex: 0 0 50% } @media (max-width: 700px) { :host { flex: 0 0 100% } }"
 WIDE: Any = {"sizing_mode": "stretch_width"}
 
 
@@ -67,8 +69,10 @@ def made(title: str, pages: Sequence[tuple[str, Any]]) -> Page:
 
 
 def pairs(drawn: Sequence[Any]) -> Any:
-    """Charts, two a row."""
-    return gridplot(list(drawn), ncols=2, merge_tools=False, toolbar_options={"logo": None}, **WIDE)
+    """Charts, two a row, or one where the page is narrow."""
+    for chart in drawn:
+        chart.stylesheets, chart.min_border_left = [*chart.stylesheets, HALF], LEFT
+    return row(list(drawn), styles={"flex-wrap": "wrap"}, **WIDE)
 
 
 def tabs(pages: Sequence[tuple[str, Any]]) -> Any:

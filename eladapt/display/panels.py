@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from matplotlib.axes import Axes
 
 from eladapt.display import marks
 from eladapt.display.curves import ALL_ALIKE, ARRIVED, NOTHING, SMALLEST, felt, look, reduced
-from eladapt.errors import UnknownNameError
+from eladapt.errors import ArgumentError, UnknownNameError
 from eladapt.records.record import Record
 
 MARKERS = "os^DvXP*"
@@ -35,13 +36,15 @@ class Panel(NamedTuple):
 def panels_of(records: Iterable[Record], wanted: Sequence[str] | None = None) -> list[Panel]:
     """The panels for which at least one record has data, or those of them that are wanted, by name.
 
-    Raises UnknownNameError for a panel that there is not.
+    Raises UnknownNameError for a panel that there is not, ArgumentError where none is wanted.
     """
     records = list(records)
     found = [*_motion(records), *_learning(records)]
     if wanted is None:
         return found
     named = {panel.name: panel for panel in found}
+    if not wanted:
+        raise ArgumentError(f"panels: expected at least one of {', '.join(named)}, or None for all; got none")
     if unknown := [name for name in wanted if name not in named]:
         raise UnknownNameError("panel", unknown, list(named))
     return [named[name] for name in wanted]
@@ -97,6 +100,21 @@ def nothing(axes: Axes, why: str = "not recorded") -> None:
     axes.annotate(why, (0.5, 0.5), xycoords="axes fraction", ha="center", color="0.4")
 
 
+def _where_recorded(
+    values_of: Callable[[Record], np.ndarray | None], draw: Callable[[Axes, np.ndarray, np.ndarray], None]
+) -> Callable[[Axes, Record], None]:
+    """Draws (axes, t, values) of the records that have the values (N, k); of others, that they have none."""
+
+    def drawn(axes: Axes, record: Record) -> None:
+        values = values_of(record)
+        if values is None:
+            nothing(axes)
+        else:
+            draw(axes, record.t, values)
+
+    return drawn
+
+
 def curves(axes: Axes, t: np.ndarray, values: np.ndarray, **changes: Any) -> None:
     """A curve a column, each with the look of its number."""
     for index, column in enumerate(values.T):
@@ -144,13 +162,6 @@ def _errors(axes: Axes, record: Record) -> None:
     curves(axes, record.t, record.error)
 
 
-def _external(axes: Axes, record: Record) -> None:
-    if record.external is None:
-        nothing(axes)
-    else:
-        curves(axes, record.t, record.external)
-
-
 def _positions(axes: Axes, record: Record) -> None:
     curves(axes, record.t, record.q)
     curves(axes, record.t, record.goal, **THIN)
@@ -170,27 +181,16 @@ def _arrival(axes: Axes, record: Record) -> None:
         axes.axvline(settled, color="0.5", linewidth=0.8)
 
 
-def _delta(axes: Axes, record: Record) -> None:
-    if record.delta is None:
-        nothing(axes)
-    else:
-        _logarithmic(axes, record.t, record.delta, alike=True)
-
-
-def _gates(axes: Axes, record: Record) -> None:
-    if record.zeta is None:
-        nothing(axes)
-    else:
-        _alike(axes, record.t, record.zeta)
-
-
-def _excitation(axes: Axes, record: Record) -> None:
-    """Eigenvalues of Phi, 0 where nothing is known and 1 where all is."""
-    if record.excitation is None:
-        nothing(axes)
-    else:
-        _alike(axes, record.excitation[:, 0], record.excitation[:, 1:])
+def _eigenvalues(axes: Axes, _t: np.ndarray, excitation: np.ndarray) -> None:
+    """Those of Phi, 0 where nothing is known and 1 where all is; excitation (k, 1 + n), times first."""
+    _alike(axes, excitation[:, 0], excitation[:, 1:])
     axes.set_ylim(-0.05, 1.05)
+
+
+_external = _where_recorded(lambda record: record.external, curves)
+_delta = _where_recorded(lambda record: record.delta, partial(_logarithmic, alike=True))
+_gates = _where_recorded(lambda record: record.zeta, _alike)
+_excitation = _where_recorded(lambda record: record.excitation, _eigenvalues)
 
 
 def _estimates(axes: Axes, record: Record) -> None:

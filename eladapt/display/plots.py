@@ -13,7 +13,16 @@ from matplotlib.lines import Line2D
 
 from eladapt.display import marks
 from eladapt.display.curves import FAULT_COLOUR, links_of, look, short_label
-from eladapt.display.figures import Picture, Style, StyleName, legend_columns, plain, require_suffix, style_of
+from eladapt.display.figures import (
+    Picture,
+    Style,
+    StyleName,
+    across,
+    legend_columns,
+    plain,
+    require_suffix,
+    style_of,
+)
 from eladapt.display.panels import MARKERS, Panel, add_markers, end_at_rounding, panels_of
 from eladapt.errors import ArgumentError
 from eladapt.records.record import Record
@@ -168,7 +177,7 @@ def _legends(figure: Picture, records: Sequence[Record], heading: str, full: boo
     ]  # fmt: skip
     columns = legend_columns(figure, joints, style.note)
     figure.legend(
-        handles=_across(handles, columns), loc="outside upper left", ncols=columns, fontsize=style.note,
+        handles=across(handles, columns), loc="outside upper left", ncols=columns, fontsize=style.note,
         alignment="left", title=plain(heading), title_fontproperties={"weight": "bold", "size": 11},
     )  # fmt: skip
     names = max((record.theta_labels for record in records), key=len)
@@ -183,18 +192,13 @@ def _legends(figure: Picture, records: Sequence[Record], heading: str, full: boo
     ]
     columns = legend_columns(figure, entries, style.names)
     figure.legend(
-        handles=_across(handles, columns), loc="outside lower left", ncols=columns, fontsize=style.names,
+        handles=across(handles, columns), loc="outside lower left", ncols=columns, fontsize=style.names,
         alignment="left", title="estimates", title_fontsize=style.note,
     )  # fmt: skip
 
 
 def _marker(style: Style, index: int) -> str:
     return MARKERS[index % len(MARKERS)] if style.marked else ""
-
-
-def _across(handles: Sequence[Line2D], columns: int) -> list[Line2D]:
-    """A legend's entries so that they are read line by line; matplotlib fills one column after the other."""
-    return [handle for column in range(columns) for handle in handles[column::columns]]
 
 
 def _short(text: str) -> str:

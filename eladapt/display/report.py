@@ -80,8 +80,7 @@ def report(
         compared = pairs(charts.comparison(several, names))
         pages = [("Comparison", column(*overview, compared, **WIDE))]
         for name, record in zip(names, several, strict=True):
-            own = [(label, part) for label, part in _sections(record, given, animation)]
-            pages.append((name, tabs(own)))
+            pages.append((name, tabs(_sections(record, given, animation))))
     page = made(title, pages)
     return page if path is None else page.save(path)
 

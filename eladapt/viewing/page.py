@@ -55,6 +55,8 @@ const place = () => {
 };
 const placed = () => innerWidth > 0 ? place() : requestAnimationFrame(placed);
 placed();  // a frame that is not yet shown has no width, and may be told of none when it is
+addEventListener("resize", placed);  // a notebook's frame is narrow first
+viewer.controls.addEventListener("start", () => removeEventListener("resize", placed));
 $stream
 </script>
 </body>

@@ -42,8 +42,10 @@ class View:
         """The page itself, in a notebook: it outlives the server, and needs no way to it."""
         from eladapt.display.inline import frame
 
-        page = self.server.page.decode("utf-8") if self.server is not None else ""
-        return frame(page or Path(str(self.path)).read_text(encoding="utf-8"), self.url)
+        if self.path is not None:
+            return frame(self.path.read_text(encoding="utf-8"), self.url)
+        assert self.server is not None, "without a file there is a server"
+        return frame(self.server.page.decode("utf-8"), self.url)
 
     def wait(self) -> None:
         """Keep serving until Ctrl-C, then close. Returns at once for a file."""

@@ -1,6 +1,7 @@
 """Plots show what the record holds, completely and legibly."""
 
 import dataclasses
+import itertools
 
 import matplotlib.colors
 import matplotlib.image
@@ -262,6 +263,20 @@ def test_what_is_written_into_a_panel_is_on_no_curve(record_of):
     assert written == 3
 
 
+def test_no_name_of_a_limit_is_on_another(record_of):
+    """In the narrow panels of a paper, two limits that are near each other, of several joints each."""
+    record = record_of("panda")
+    record.v[:] = np.linspace(2.0, 2.4, 7) * (np.cos(9 * record.t) * np.exp(-6 * record.t))[:, None]
+    limits = np.array([2.2, 2.2, 2.2, 2.2, 2.6, 2.6, 2.6])
+    record = dataclasses.replace(record, velocity_limit=limits)
+    figure = ea.plot([record, record], style="paper", panels=["velocity", "torque"])
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts if "limit" in text.get_text()]
+    assert len(boxes) == 2
+    for one, other in itertools.combinations(boxes, 2):
+        assert not one.overlaps(other)
+
+
 def test_what_is_below_rounding_leaves_the_axis(record_of):
     """No curve lies at 1e-12 that is not there: the axis ends, and curves go on below it."""
     record = record_of("two_link")
@@ -304,6 +319,7 @@ def test_a_notebook_shows_a_figure(record_of):
     [
         ({"style": "papr"}, "unknown style 'papr' .did you mean 'paper'"),
         ({"panels": ["speed"]}, "error, arrival"),
+        ({"panels": []}, "panels: expected at least one of error, arrival"),
     ],
 )
 def test_styles_and_panels_have_names(record_of, options, said):

@@ -181,6 +181,24 @@ def test_several_records_are_compared(record, record_of, tmp_path):
     )
 
 
+def test_a_comparison_shows_the_time_of_every_record(record_of):
+    """Of records one after the other, in whatever order: from the first one's start to the last one's end."""
+    early = record_of("two_link")
+    late = record_of("two_link", t=early.t + 10)
+    for records in ([early, late], [late, early]):
+        x = charts.comparison(records, ["one", "other"])[0].x_range
+        assert (x.start, x.end) == (early.t[0], late.t[-1])
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_comparison_holds_every_line(record_of, order):
+    """On a logarithmic axis that ends at rounding: what one record leaves at once another may never reach."""
+    far = record_of("two_link")
+    far = dataclasses.replace(far, error=100 * np.ones_like(far.error))
+    drawn = charts.comparison([record_of("two_link"), far][::order], ["one", "other"])[0]
+    assert (drawn.y_range.start, drawn.y_range.end) == (1e-12, 200)
+
+
 def test_records_of_the_same_title_are_told_apart(record, tmp_path):
     page = ea.report([record, record], tmp_path / "both.html", animation=False)
     assert re.search(rf"{record.title} \(2\)", page.read_text("utf-8"))

@@ -96,7 +96,7 @@ def test_the_curves_of_a_page_have_gaps_and_one_look_each(monkeypatch):
     found.report()
     looks = {}
     for name in ("Torques", "Residuals"):
-        figures = [figure for figure, *_ in pages[name].children]
+        figures = pages[name].children
         assert len(figures) == robot.nv
         for line in (line for figure in figures for line in figure.renderers):
             t, y = line.data_source.data["t"], line.data_source.data["y"]
