@@ -19,20 +19,20 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Timer
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 import table
+from set_points import AFTER, Course, drive
 
 import eladapt as ea
-from eladapt.errors import LoopError
 from eladapt.hardware.commissioning import Heard
 from eladapt.hardware.franka import FrankaRobot
 
 ADDRESS, DT = "127.0.0.1", 1e-3
 GOALS, EACH, FAR = 8, 7.5, 0.4  # set-points of a minute, [s], [rad] from the start
-AFTER, REST = 0.5, 1.0  # [s] after a motion, and before the next, in which errors are judged
 SLOW = 0.4  # of the Panda's speed limits: the FR3's depend on where it is
 LOAD = 1.5  # [kg]
 # Its physics and its network each keep a clock: some samples in a thousand are a cycle or four off.
@@ -64,14 +64,23 @@ def server(python: str, load: float) -> Iterator[None]:
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
     ) as process:
         try:
-            assert process.stdout is not None
-            while line := process.stdout.readline():
-                if line.strip() == "ready":
-                    break
+            _require_ready(process)
             time.sleep(2.0)
             yield
         finally:
             process.kill()
+
+
+def _require_ready(process: subprocess.Popen[str]) -> None:
+    """Raises RuntimeError for a server that ends, or is ended after `PATIENCE`, before it says so."""
+    assert process.stdout is not None
+    too_late = Timer(PATIENCE, process.kill)
+    too_late.start()
+    try:
+        if not any(line.strip() == "ready" for line in process.stdout):
+            raise RuntimeError(f"franka-sim did not start within {PATIENCE:g} s: {process.args!r}")
+    finally:
+        too_late.cancel()
 
 
 def firmware_gravity(python: str) -> Gravity:
@@ -101,52 +110,20 @@ def controller_of(robot: ea.Robot) -> ea.GatedController:
 
 def minute(controller: Any, arm: FrankaRobot, gravity: Gravity, seed: int) -> Run:
     robot = controller.robot
-    arm.connect()
     start, heard = arm.posture(), Heard(arm)
     limits = ea.MotionLimits.for_robot(robot, velocity=SLOW)
-    rng = np.random.default_rng(seed)
-    goals = [start + rng.uniform(-FAR, FAR, 7) for _ in range(GOALS)]
-    ends, before = [], start
-    for k, goal in enumerate(goals):
-        q0, q1 = robot.configuration(before), robot.configuration(goal)
-        ends.append(k * EACH + ea.move(robot, q0, q1, limits).duration)
-        before = goal
-
-    def asked(t: float) -> np.ndarray:
-        return robot.configuration(goals[min(int(max(t, 0.0) / EACH), GOALS - 1)])
-
-    try:
-        result: Any = ea.run_loop(controller, heard, asked, GOALS * EACH, DT, limits=limits)
-        ended = result.ended if result.fault is None else f"fault {result.fault}"
-    except LoopError as reason:
-        result, ended = reason, str(reason)
+    course = Course.around(robot, start, FAR, GOALS, EACH, limits, seed)
+    ended, errors, result = drive(controller, heard, course, DT)
     record = result.record
     if record is None:
-        return Run(ended, np.inf, np.inf, np.inf, 0, np.nan, np.nan, None)
-    t = record.t - record.t[0]
-    wrong = np.abs(np.array([robot.difference(asked(at), q) for at, q in zip(t, record.q, strict=True)])).max(
-        axis=1
-    )
-    after = [wrong[(t > end + AFTER) & (t < (k + 1) * EACH)] for k, end in enumerate(ends)]
-    rest = [wrong[(t > (k + 1) * EACH - REST) & (t < (k + 1) * EACH)] for k in range(GOALS)]
+        return Run(ended, errors.after, errors.rest, np.inf, 0, np.nan, np.nan, None)
     sent = record.tau - np.array([gravity(q) for q in record.q])
-    change, cycles = np.abs(np.diff(sent, axis=0)).max(), np.round(np.diff(t) / DT)
+    change, cycles = np.abs(np.diff(sent, axis=0)).max(), np.round(np.diff(record.t) / DT)
     work = result.timing.work
     return Run(
-        ended, _largest(after), _largest(rest), float(change), int(np.sum(cycles - 1)), 1e6 * work[0],
-        1e6 * work[2], log_of(robot, heard),
+        ended, errors.after, errors.rest, float(change), int(np.sum(cycles - 1)), 1e6 * work[0],
+        1e6 * work[2], heard.log(robot),
     )  # fmt: skip
-
-
-def log_of(robot: ea.Robot, heard: Heard) -> ea.Log:
-    """What was measured."""
-    taken = heard.measurements
-    t, q, v, tau = (np.array([getattr(m, name) for m in taken]) for name in ("t", "q", "v", "tau"))
-    return ea.Log(t, q, v, tau, robot.joint_names, held=True)
-
-
-def _largest(parts: list[np.ndarray]) -> float:
-    return max((float(part.max()) for part in parts if len(part)), default=np.inf)
 
 
 def main() -> None:

@@ -9,40 +9,17 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
 from typing import Any
 
 import franka_client as client
-import numpy as np
 import table
-from real_arm import ComputedTorque
+from model_based import DAMPING, STIFFNESS, ComputedTorque, JointImpedance
+from set_points import AFTER
 
 import eladapt as ea
 from eladapt.hardware.franka import FrankaRobot
-from eladapt.robot.protocols import Goal, Unrecorded
 
-STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])  # [N m/rad]
-DAMPING = np.array([50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0])  # [N m s/rad]
 LOADS, SEED = (0.0, client.LOAD), 0
-
-
-@dataclass(frozen=True, eq=False)
-class JointImpedance(Unrecorded):
-    """tau = K (q_d - q) - D v + C v + g, with g the firmware's."""
-
-    robot: ea.Robot
-    gravity: client.Gravity
-
-    def init(self, measurement: ea.Measurement, theta0: object = None) -> None:
-        return None
-
-    def step(
-        self, state: None, measurement: ea.Measurement, goal: Goal, dt: float
-    ) -> tuple[None, np.ndarray]:
-        robot, (_, q, v, _) = self.robot, measurement
-        spring = -STIFFNESS * robot.difference(robot.check_goal(goal).q, q)
-        tau = spring - DAMPING * v + robot.coriolis_matrix(q, v) @ v + self.gravity(q)
-        return None, np.clip(tau, -robot.effort_limit, robot.effort_limit)
 
 
 def weighed(robot: ea.Robot, empty: ea.Log | None, loaded: ea.Log | None) -> str:
@@ -77,7 +54,7 @@ def main() -> None:
         "load [kg]",
         "controller",
         "ended",
-        f"error {client.AFTER:g} s after motions [rad]",
+        f"error {AFTER:g} s after motions [rad]",
         "at rest [rad]",
     ]
     notes = (

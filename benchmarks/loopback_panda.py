@@ -17,11 +17,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from set_points import AFTER, REST, Course
+from set_points import AFTER, REST, Course, drive, weighed
 from table import gathered, write
 
 import eladapt as ea
-from eladapt.errors import EladaptError, LoopError
 
 MODEL = Path(__file__).resolve().parents[2] / "shared" / "plants" / "panda_menagerie.xml"
 DT = 1e-3
@@ -39,7 +38,6 @@ class Loopback:
     """
 
     keeps_clock = True
-    adds_gravity = True
 
     def __init__(self, plant: ea.MujocoPlant, told: bool):
         self.plant = plant
@@ -96,21 +94,10 @@ def minute(seed: int, told: bool) -> dict[str, Any]:
     course = Course.around(robot, robot.home, FAR, NUMBER, EACH, limits, seed)
     inner = ea.CompositeController.for_robot(robot, DT, delay=DT)
     controller = ea.GatedController.for_robot(inner, DT)
-    try:
-        result: Any = ea.run_loop(controller, arm, course, course.duration, DT, limits=limits)
-        ended = "went on to its end" if result.fault is None else str(result.fault)
-    except LoopError as reason:
-        result, ended = reason, str(reason)
-    record, weighed = result.record, "not noticed"
-    errors = course.errors(record.t - record.t[0], record.q)
-    try:
-        load = ea.payload(inner, result.state.inner, LOAD.frame)
-        weighed = f"{load.mass:.4f} +- {load.mass_std:.4f}"
-    except EladaptError as reason:
-        weighed = str(reason)
+    driven = drive(controller, arm, course, DT)
     return {
-        "told": told, "seed": seed, "ended": ended, "after": errors.after, "rest": errors.rest,
-        "most": arm.most, "weighed": weighed,
+        "told": told, "seed": seed, "ended": driven.ended, **driven.errors._asdict(), "most": arm.most,
+        "weighed": weighed(inner, driven, LOAD.frame),
     }  # fmt: skip
 
 
@@ -127,8 +114,8 @@ def main() -> None:
     for seed in options.seeds:
         row = minute(seed, not options.untold)
         print(row, flush=True)
-        gathered(options.kept, row)
-    rows = gathered(options.kept)
+        gathered(options.kept, ("told", "seed"), row)
+    rows = gathered(options.kept, ("told", "seed"))
     table = [
         [
             "yes" if row["told"] else "no", row["seed"], row["ended"][:100], f"{row['after']:.1e}",

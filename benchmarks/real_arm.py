@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from model_based import NATURAL, ComputedTorque
 from table import write
 from tqdm import tqdm
 from tracking import sines
@@ -48,7 +49,6 @@ FLANGES = {"panda": "panda_link8", "ur5e": "tool0"}
 BEGIN = {"panda": None, "ur5e": (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)}  # of the sines; home where None
 WINDOW = 50  # samples of the mean that noise is taken about
 MARGIN, SPARE, TRAVEL = 0.1, 0.1, 3.0  # of the joint range; of the effort limits; [s]
-NATURAL = 20.0  # [rad/s] of computed torque, critically damped
 OURS, PREVIOUS = "composite", "previous composite"
 OTHERS = ("computed torque", "PD and gravity", "Slotine-Li")
 
@@ -92,25 +92,6 @@ class Run(NamedTuple):
     first: float  # [rad] largest error of the first second
     after: float  # [rad] largest error from three seconds on
     failed: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class ComputedTorque(Unrecorded):
-    """tau = M (a_d - w^2 e1 - 2 w e2) + C v + g of the URDF."""
-
-    robot: ea.Robot
-
-    def init(self, measurement: ea.Measurement, theta0: object = None) -> None:
-        return None
-
-    def step(
-        self, state: None, measurement: ea.Measurement, goal: Goal, dt: float
-    ) -> tuple[None, np.ndarray]:
-        robot, reference = self.robot, self.robot.check_goal(goal)
-        e1, e2 = robot.difference(reference.q, measurement.q), measurement.v - reference.v
-        wanted = reference.a - NATURAL**2 * e1 - 2 * NATURAL * e2
-        tau = robot.inverse_dynamics(measurement.q, measurement.v, wanted)
-        return None, np.clip(tau, -robot.effort_limit, robot.effort_limit)
 
 
 # Run by an interpreter of its own, since one process can import one eladapt only.

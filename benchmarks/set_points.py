@@ -1,4 +1,4 @@
-"""A course of set-points, one after the other, and how near an arm came to them."""
+"""A course of set-points, how a loop went through it, and how near the arm came to them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 import eladapt as ea
+from eladapt.errors import EladaptError, LoopError
+from eladapt.robot.protocols import BareController
 
 AFTER, REST = 0.5, 1.0  # [s] after a motion, and before the next one, in which errors are judged
 
@@ -73,3 +75,33 @@ class Course:
                 seen = error[(t > since) & (t < until)]
                 found.append(float(seen.max()) if len(seen) else np.inf)
         return Errors(max(after), max(rest))
+
+
+class Driven(NamedTuple):
+    """What came of a course."""
+
+    ended: str  # `LoopResult.ended`, or the fault, or what the loop failed with
+    errors: Errors
+    result: ea.LoopResult | LoopError  # record, state and timing
+
+
+def drive(controller: BareController, interface: ea.RobotInterface, course: Course, dt: float) -> Driven:
+    """Through a course in a loop, whatever ends it."""
+    result: ea.LoopResult | LoopError
+    try:
+        result = ea.run_loop(controller, interface, course, course.duration, dt, limits=course.limits)
+        ended = result.ended if result.fault is None else f"fault {result.fault}"
+    except LoopError as reason:
+        result, ended = reason, str(reason)
+    record = result.record
+    errors = Errors(np.inf, np.inf) if record is None else course.errors(record.t - record.t[0], record.q)
+    return Driven(ended, errors, result)
+
+
+def weighed(controller: BareController, driven: Driven, frame: str | None = None) -> str:
+    """The load that came on the way, by the controller behind the gate; or why it is not known."""
+    try:
+        load = ea.payload(controller, driven.result.state.inner, frame)
+    except EladaptError as reason:
+        return str(reason)
+    return f"{load.mass:.4f} +- {load.mass_std:.4f}"

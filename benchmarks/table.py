@@ -33,12 +33,16 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join([*lines, ""])
 
 
-def gathered(path: Path, row: dict[str, Any] | None = None) -> list[dict[str, Any]]:
-    """All rows of a file, this one added: of runs that take too long for one go."""
+def gathered(path: Path, case: Sequence[str], row: dict[str, Any] | None = None) -> list[dict[str, Any]]:
+    """All rows of a file, this one added: of runs that take too long for one go.
+
+    case: the columns that say what was run; of a case that was run again, the last row counts.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a+") as file:
         file.write(json.dumps(row) + "\n" if row else "")
-    return [json.loads(line) for line in path.read_text().splitlines()]
+    rows = map(json.loads, path.read_text().splitlines())
+    return list({json.dumps([row[name] for name in case]): row for row in rows}.values())
 
 
 def write(

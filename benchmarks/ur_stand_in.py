@@ -16,11 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from set_points import AFTER, REST, Course
+from set_points import AFTER, REST, Course, drive, weighed
 from table import gathered, write
 
 import eladapt as ea
-from eladapt.errors import EladaptError, LoopError
 from eladapt.hardware.ur import URRobot
 from eladapt.hardware.ur_stand_in import PERIOD, URStandIn
 
@@ -69,20 +68,10 @@ def run(rubbing: str, firmware: str, rotor: float, seed: int) -> dict[str, Any]:
     limits = ea.MotionLimits.for_robot(robot, velocity=SLOW[rubbing])
     course = Course.around(robot, START, FAR, NUMBER, EACH, limits, seed)
     interface = URRobot("stand-in", robot, library=arm)
-    try:
-        result: Any = ea.run_loop(controller, interface, course, course.duration, PERIOD, limits=limits)
-        ended = "went on to its end" if result.fault is None else str(result.fault)
-    except LoopError as reason:
-        result, ended = reason, f"{arm.tripped or reason}"
-    try:
-        load = ea.payload(controller.controller, result.state.inner)
-        weighed = f"{load.mass:.3f} +- {load.mass_std:.3f}"
-    except EladaptError as reason:
-        weighed = str(reason)
-    errors = course.errors(result.record.t - result.record.t[0], result.record.q)
+    driven = drive(controller, interface, course, PERIOD)
     return {
-        "case": [rubbing, firmware, rotor, seed], "ended": ended[:100], "after": errors.after,
-        "rest": errors.rest, "weighed": weighed,
+        "case": [rubbing, firmware, rotor, seed], "ended": (arm.tripped or driven.ended)[:100],
+        **driven.errors._asdict(), "weighed": weighed(controller.controller, driven),
     }  # fmt: skip
 
 
@@ -100,8 +89,8 @@ def main() -> None:
     for case in options.cases:
         row = run(*CASES[case])
         print(row, flush=True)
-        gathered(options.kept, row)
-    rows = gathered(options.kept)
+        gathered(options.kept, ("case",), row)
+    rows = gathered(options.kept, ("case",))
     order = [list(case) for case in CASES]
     table = [
         [*row["case"], row["ended"], f"{row['after']:.1e}", f"{row['rest']:.1e}", row["weighed"]]

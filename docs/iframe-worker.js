@@ -1,2 +1,39 @@
-/* iframe-worker 1.0.4, (c) 2020-2022 Martin Donath, MIT licence: a search without a server. */
-"use strict";(()=>{function c(s,n){parent.postMessage(s,n||"*")}function d(...s){return s.reduce((n,e)=>n.then(()=>new Promise(r=>{let t=document.createElement("script");t.src=e,t.onload=r,document.body.appendChild(t)})),Promise.resolve())}var o=class extends EventTarget{constructor(e){super();this.url=e;this.m=e=>{e.source===this.w&&(this.dispatchEvent(new MessageEvent("message",{data:e.data})),this.onmessage&&this.onmessage(e))};this.e=(e,r,t,i,m)=>{if(r===`${this.url}`){let a=new ErrorEvent("error",{message:e,filename:r,lineno:t,colno:i,error:m});this.dispatchEvent(a),this.onerror&&this.onerror(a)}};let r=document.createElement("iframe");r.hidden=!0,document.body.appendChild(this.iframe=r),this.w.document.open(),this.w.document.write(`<html><body><script>postMessage=${c};importScripts=${d};addEventListener("error",({error})=>{parent.dispatchEvent(new ErrorEvent("error",{filename:"${e}",error}))})<\/script><script src=${e}?${+Date.now()}><\/script></body></html>`),this.w.document.close(),onmessage=this.m,onerror=this.e,this.r=new Promise((t,i)=>{this.w.onload=t,this.w.onerror=i})}terminate(){this.iframe.remove(),onmessage=onerror=null}postMessage(e){this.r.catch().then(()=>{this.w.dispatchEvent(new MessageEvent("message",structuredClone({data:e})))})}get w(){return this.iframe.contentWindow}};window.IFrameWorker=o;location.protocol==="file:"&&(window.Worker=o);})();
+// The search, for a site that is read from a folder: browsers start no Worker for a page that is a file, so the
+// Worker's script runs in a hidden frame of the page. Material for MkDocs asks for it by the name IFrameWorker.
+class IFrameWorker extends EventTarget {
+  constructor(url) {
+    super();
+    this.frame = document.createElement("iframe");
+    this.frame.hidden = true;
+    this.ready = new Promise(resolve => { this.frame.onload = resolve; }).then(() => this.run(url));
+    document.body.append(this.frame);
+  }
+
+  // What a Worker's script finds in its global scope, and then the script.
+  run(url) {
+    this.inside = this.frame.contentWindow;
+    this.inside.postMessage = data => this.dispatchEvent(new MessageEvent("message", {data}));
+    this.inside.importScripts = async (...urls) => { for (const each of urls) await this.load(each); };
+    return this.load(url);
+  }
+
+  load(url) {
+    return new Promise((resolve, reject) => {
+      const script = this.inside.document.createElement("script");
+      Object.assign(script, {src: url, onload: resolve, onerror: () => reject(new Error(`${url}: not loaded`))});
+      this.inside.document.body.append(script);
+    });
+  }
+
+  async postMessage(data) {
+    await this.ready;
+    this.inside.dispatchEvent(new MessageEvent("message", {data}));
+  }
+
+  terminate() {
+    this.frame.remove();
+  }
+}
+
+window.IFrameWorker = IFrameWorker;
+if (location.protocol === "file:") window.Worker = IFrameWorker;

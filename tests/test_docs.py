@@ -94,6 +94,8 @@ def test_the_api_has_every_public_name_once():
         for name in re.findall(r"^::: eladapt\.(\w+)$", page.read_text("utf-8"), re.M)
     ]
     assert sorted(listed) == sorted(ea.__all__)
+    index = (DOCS / "api" / "index.md").read_text("utf-8")
+    assert sorted(re.findall(r"\[`\w+`\]\[eladapt\.(\w+)\]", index)) == sorted(ea.__all__)
 
 
 def test_every_table_is_linked():

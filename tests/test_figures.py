@@ -7,15 +7,21 @@ from pathlib import Path
 
 import pytest
 
+from eladapt.worlds.rows import ROW
+
 ROOT = Path(__file__).parents[1]
 RIG = "rotors [kg m^2] / Coulomb [N m] / load [kg]"
 Row = dict[str, str]
 
 
-def table(name: str) -> list[Row]:
-    """The first table of benchmarks/results/NAME.md: a dictionary a row, by the names of the columns."""
-    text = (ROOT / "benchmarks" / "results" / f"{name}.md").read_text("utf-8")
-    lines = text[text.index("\n|") + 1 :].split("\n\n")[0].splitlines()
+def result(name: str) -> str:
+    """benchmarks/results/NAME.md"""
+    return (ROOT / "benchmarks" / "results" / f"{name}.md").read_text("utf-8")
+
+
+def table(name: str, number: int = 0) -> list[Row]:
+    """One of the tables of a result: a dictionary a row, by the names of the columns."""
+    lines = [part for part in result(name).split("\n\n") if part.startswith("|")][number].splitlines()
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     return [dict(zip(cells[0], row, strict=True)) for row in cells[2:]]
 
@@ -155,12 +161,135 @@ def mixing() -> Iterator[str]:
     yield f"takes {took['default']} s"
 
 
+def first_seconds() -> Iterator[str]:
+    rows = [row for row in table("real_arm") if row["controller"] == "composite"]
+    off = {
+        (arm, noise): max(
+            float(row["sines: first second [rad]"])
+            for row in rows
+            if (row["arm"], row["noise, delay"]) == (arm, noise)
+        )
+        for arm in ("ur5e", "panda")
+        for noise in ("no", "yes")
+    }
+    still, noisy, panda = off["ur5e", "no"], off["ur5e", "yes"], max(off["panda", "no"], off["panda", "yes"])
+    yield f"up to {still:g} rad off its sines, with noise {noisy:g}; the Panda {panda:g}"
+
+
+def identities() -> Iterator[str]:
+    exact = ("W θ = τ", "ω θ = E", "p θ = M v", "Ψ θ_U = g", "W_r θ")
+    largest = max((row[column] for row in table("identities") for column in exact), key=float)
+    yield f"at most {short(largest)} relative"
+
+
+def franka() -> Iterator[str]:
+    rows = table("franka_client")
+    for load, said in (("0", "ten minutes of ten"), ("1.5", "three of three with 1.5 kg")):
+        numbers = {3: "three", 10: "ten"}
+        through = [row["ended"] == "duration" for row in rows if row["load [kg]"] == load]
+        assert said.startswith(numbers[sum(through)])
+        assert f" of {numbers[len(through)]}" in said
+        yield said
+    yield f"at rest within {short(max((row['at rest [rad]'] for row in rows), key=float))} rad"
+
+
+def franka_controllers() -> Iterator[str]:
+    row = pick("franka_controllers", {"load [kg]": "1.5", "controller": "eladapt"})
+    at = re.search(r"^fault .* at t = ([\d.]+) s", row["ended"])
+    weighed = re.search(r"it is weighed ([\d.]+) \+-", result("franka_controllers"))
+    yield f"ended by the gate after {float(at[1]):.0f} s"
+    yield f"weighed {float(weighed[1]):.2f} kg"
+
+
+def stand_in() -> Iterator[str]:
+    asked = "error 0.5 s after motions [rad]"
+    rows = [row for row in table("ur_stand_in") if row["rotors told [kg m^2]"] != "0.0"]
+    yield f"within {short(max((row[asked] for row in rows), key=float))} rad half a second after each motion"
+
+
+def latency() -> Iterator[str]:
+    slowest = max(float(row["measurement to command [us]"].split(", ")[1]) for row in table("udp_loop"))
+    yield f"99 % of the torques are out {slowest / 1e3:.2f} ms after"
+
+
+def steps() -> Iterator[str]:
+    one, two = (
+        float(pick("step_cost", {"robot": robot})["whole step [us]"]) / 1e3
+        for robot in ("panda", "talos, both arms")
+    )
+    yield f"{one:.2f} ms on a Panda and {two:.2f} ms on two arms of 14 joints"
+
+
+def step_of_a_panda() -> Iterator[str]:
+    took = float(pick("step_cost", {"robot": "panda"})["whole step [us]"]) / 1e3
+    yield f"a step of a Panda with the whole θ takes {took:.2f} ms"
+
+
+def rest() -> Iterator[str]:
+    rows = table("rest")
+    off = {row["what"]: [] for row in rows}
+    for row in rows:
+        off[row["what"]].append(row["gravity error of its largest"])
+    moved = sorted(100 * float(number) for number in off["the same move, after sway"])
+    yield f"joint swaying costs {100 * max(map(float, off['sway'])):.0f} %"
+    yield f"shows {moved[0]:.0f} to {moved[1]:.0f} %"
+    assert max(map(float, off["rest"] + off["the same move, after rest"])) <= 2e-4
+    yield "right within 0.02 % of its largest torque"
+    loads = [float(row["load of 1 kg"].split()[0]) for row in rows if row["load of 1 kg"] != "-"]
+    yield f"weighed within {100 * max(abs(load - 1) for load in loads):.1f} %"
+
+
+def physical() -> Iterator[str]:
+    row = pick("physical_online", {"arm": "panda", "noise": "1e-4 rad, 1e-3 rad/s", "from": "urdf"})
+    without, within = row["gravity elsewhere [N m]"].split(" / ")
+    yield f"{float(within):.1f} instead of {float(without):.0f} N m"
+
+
+def tool() -> Iterator[str]:
+    rows = table("reach")
+    still = max((row["no friction [mm]"] for row in rows), key=float)
+    rough = max((row["friction, noise, delay [mm]"] for row in rows), key=float)
+    yield f"rests within {short(still)} mm of it, and within {float(rough):.2f} mm with friction, noise"
+
+
+def faults() -> Iterator[str]:
+    yield f"{sum(row['fault'] != 'none' for row in table('faults'))} faults"
+
+
+def worlds() -> Iterator[str]:
+    said = result("stress")
+    number, took = re.search(r"(\d+) worlds of panda by dask\.distributed: ([\d.]+) s on one", said).groups()
+    each, tasks = float(took) / int(number), int(re.search(r"without work: (\d+) a second", said)[1])
+    rate = 1000 / each  # of a thousand cores
+    yield f"{each:.1f} s of a core"
+    yield f"{1e7 * each / 3600 / 1e4:.1f} · 10⁴ core-hours, {1e7 * each / 3600 / 1000:.0f} h"
+    yield f"{round(rate, -1):.0f} worlds a second"
+    yield f"{ROW.itemsize} bytes | {round(rate * ROW.itemsize / 1e3, -1):.0f} kB/s"
+    yield f"{1e7 * ROW.itemsize / 1e9:.1f} GB in the end"
+    yield f"tasks without work | {tasks} a second"
+    assert round(4 * rate / tasks) == 3
+    yield f"three quarters of it with `--batch 1`, {100 * rate / 20 / tasks:.0f} % with 20"
+    rows = table("stress", 1)
+    memory = {row["worlds"]: row["most memory [MB]"] for row in rows}
+    assert memory["100"] == memory["1,000"]
+    yield f"{memory['100']} MB at 100 and 1,000 worlds, {memory['10,000']} MB at 10,000"
+    slowest, fastest = (int(row["worlds a second"].replace(",", "")) // 1000 for row in (rows[0], rows[-1]))
+    yield f"{slowest},000 to {fastest},000 worlds a second | {100 * rate / (1000 * slowest):.0f} % of it"
+
+
 CLAIMS = [
     ("README.md", arrivals), ("README.md", references), ("README.md", load), ("README.md", logs),
     ("README.md", cost),
     ("docs/index.md", arrivals), ("docs/index.md", residues), ("docs/index.md", beside_others),
     ("docs/benchmarks/index.md", costs),
-    ("docs/how-to/loads-and-friction.md", loads),
+    ("docs/index.md", first_seconds), ("docs/limits.md", first_seconds), ("docs/limits.md", steps),
+    ("CHANGELOG.md", step_of_a_panda),
+    ("docs/hardware.md", franka), ("docs/hardware.md", franka_controllers), ("docs/hardware.md", stand_in),
+    ("docs/hardware.md", latency), ("docs/stress.md", worlds),
+    ("docs/how-to/regressors.md", identities), ("docs/how-to/motions.md", tool),
+    ("docs/how-to/faults.md", faults), ("docs/benchmarks/index.md", faults),
+    ("docs/how-to/loads-and-friction.md", loads), ("docs/how-to/loads-and-friction.md", rest),
+    ("docs/how-to/loads-and-friction.md", physical),
     ("docs/how-to/noise-and-delay.md", hardware), ("docs/how-to/noise-and-delay.md", mixing),
 ]  # fmt: skip
 

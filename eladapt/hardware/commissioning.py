@@ -22,20 +22,14 @@ from eladapt.robot.model import Robot
 from eladapt.safety.gated import GatedController
 from eladapt.signals import Measurement, Reference
 
-REST, RAMP, STILL = (
-    1.5,
-    1.0,
-    0.2,
-)  # [s] of rest at the start, of motion that grows or fades, and of rest at the end
+REST, STILL = 1.5, 0.2  # [s] of rest at the start, and at the end
+RAMP = 1.0  # [s] in which motion grows, and fades
 EDGE = 0.01  # [rad or m] kept free of a joint's range
 SLOWEST, FASTEST = 0.5, 1.1  # [Hz] of the joints' sines, each of its own
 SHARE = 0.3  # of a speed limit, at the most
 CAREFUL: dict[str, Any] = {
-    "position_noise": 1e-4,
-    "velocity_noise": 2e-3,
-    "delay": 5e-3,
-    "velocity_lag": 5e-3,
-}
+    "position_noise": 1e-4, "velocity_noise": 2e-3, "delay": 5e-3, "velocity_lag": 5e-3,
+}  # fmt: skip
 DIFFERENT = 0.2  # relative change that is told
 SURE = 0.05  # of a friction: a larger standard deviation leaves it unknown
 NAMES = ("position_noise", "velocity_noise", "delay", "velocity_lag", "jitter")
@@ -72,9 +66,8 @@ class Commissioning:
             old, new = (float(np.median(getattr(each, name))) for each in (before, self))
             if np.isfinite(old + new) and abs(new - old) > DIFFERENT * max(abs(old), 1e-6):
                 said.append(f"{name}: {old:.3g} then, {new:.3g} now")
-        for name in FRICTION_TERMS:
+        for kind, name in enumerate(FRICTION_TERMS):
             old, new = (getattr(each.friction, name) for each in (before, self))
-            kind = FRICTION_TERMS.index(name)
             spread = np.hypot(before.friction.std[kind], self.friction.std[kind])
             for k in np.flatnonzero(np.abs(new - old) > np.maximum(3 * spread, DIFFERENT * np.abs(old))):
                 said.append(f"{name} of {self.robot.joint_names[k]}: {old[k]:.3g} then, {new[k]:.3g} now")
@@ -154,6 +147,12 @@ class Heard:
         self.sent[-1] = tau.copy()
         self.interface.write(tau)
 
+    def log(self, robot: Robot) -> Log:
+        """What was measured, of a robot with these joints; each torque was held over the step before."""
+        t, v, tau = (np.array([getattr(m, name) for m in self.measurements]) for name in ("t", "v", "tau"))
+        x = np.array([robot.coordinates(m.q) for m in self.measurements])
+        return Log(t, x, v, tau, robot.joint_names, held=True)
+
 
 class Swing:
     """Sines of different frequencies about where the arm was first, that grow from rest and fade to it.
@@ -199,13 +198,12 @@ def assessed(robot: Robot, heard: Heard, dt: float) -> Commissioning:
             f"dt: expected at least {LEAST_SAMPLES} samples in {0.7 * REST:.2g} s of rest, got {len(rest)}"
         )
     noise = measure_noise(robot, rest)
-    x = np.array([robot.coordinates(m.q) for m in taken])
-    t, v, tau = (np.array([getattr(m, name) for m in taken]) for name in ("t", "v", "tau"))
-    log = Log(t, x, v, tau, robot.joint_names, held=True)
+    log = heard.log(robot)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LogWarning)
         found = identify(robot, log, held_out=0, physical=False, progress=False)
-    delay, notes = reporting_delay(np.array(heard.sent), tau, dt), list(found.notes)
+    reported = np.array([m.tau for m in taken])
+    delay, notes = reporting_delay(np.array(heard.sent), reported, dt), list(found.notes)
     if np.isnan(delay):
         notes.append("delay: what is reported as torque is not what was commanded some cycles before")
     friction = found.friction
@@ -213,7 +211,7 @@ def assessed(robot: Robot, heard: Heard, dt: float) -> Commissioning:
     friction = friction._replace(known=friction.std < SURE * np.abs(values))
     return Commissioning(
         robot, *noise, delay, velocity_lag(log), stamp_jitter(log, noise.position_noise), friction,
-        _reversed(found, x[0]), found, log, tuple(notes),
+        _reversed(found, log.q[0]), found, log, tuple(notes),
     )  # fmt: skip
 
 

@@ -86,21 +86,21 @@ class FrankaRobot:
         """Reach the robot, clear errors where wanted, and set thresholds and load; `start` does it too."""
         if self._franka is not None:
             return
-        self._franka = in_time(
+        found = in_time(
             lambda: pylibfranka.Robot(self.address, self._realtime),
             f"{self.address} does not answer; is that the robot, and is FCI activated in Desk?", RAISED,
         )  # fmt: skip
         with _named("the robot refused its set-up"):
-            state = self._franka.read_once()
-            self._require_ready(state)
+            self._require_ready(found)
             half = 0.5 * self.collision
-            self._franka.set_collision_behavior(
+            found.set_collision_behavior(
                 [half] * JOINTS, [self.collision] * JOINTS, [CONTACT_FORCE] * 6, [COLLISION_FORCE] * 6
             )
             if self.load is not None:
-                self._franka.set_load(*self.load)
+                found.set_load(*self.load)
             if self._gravity is None:
-                self._model = self._franka.load_model()
+                self._model = found.load_model()
+        self._franka = found  # not before: a robot that refused its set-up is asked again
 
     def posture(self) -> np.ndarray:
         """(7,) [rad] where the arm is, before it starts."""
@@ -168,11 +168,12 @@ class FrankaRobot:
         with _named("the errors stay"):
             self._franka.automatic_error_recovery()
 
-    def _require_ready(self, state: Any) -> None:
+    def _require_ready(self, found: Any) -> None:
         """Raises HardwareError for a robot that will not move, and what to do."""
+        state = found.read_once()
         mode = state.robot_mode
         if mode == pylibfranka.RobotMode.Reflex and self.recover:
-            self._franka.automatic_error_recovery()
+            found.automatic_error_recovery()
             return
         remedies = {
             pylibfranka.RobotMode.Reflex: "clear the errors: recover=True, or in Desk",

@@ -29,6 +29,7 @@ FREQUENCY = 500.0  # [Hz]
 NO_FRICTION = [0.0] * JOINTS  # compensated by the firmware: it is learned
 DECELERATION = 2.0  # [rad/s^2] with which the arm stops
 LONGEST_WAIT = 0.1  # [s] for a new sample
+LONGEST_UNLOCK = 4.5  # [s] until a protective stop has ended
 NAP = 1e-4  # [s] between two looks whether there is one
 RUNNING = 7  # robot mode
 MODES = {
@@ -76,7 +77,7 @@ class URRobot:
         self._gravity = gravity or loaded_gravity(robot, self.load)
         self._control: Any = None
         self._receive: Any = None
-        self.delay = _periods(delay)
+        self.delay = periods(delay)
         self._t = -np.inf
         self._added = np.zeros(JOINTS)
         self._sent: deque[tuple[float, np.ndarray]] = deque()  # with the time of the sample that was answered
@@ -94,15 +95,14 @@ class URRobot:
             lambda: library.RTDEReceiveInterface(self.address, FREQUENCY), said, (RuntimeError,)
         )
         if self.recover and self._receive.isProtectiveStopped():
-            dashboard = library.DashboardClient(self.address)
-            stays = f"{self.address}: the protective stop stays"
-            in_time(lambda: self._unlock(dashboard), stays, (RuntimeError,))
+            self._unlock(library.DashboardClient(self.address))
         self._require_ready()
-        self._control = in_time(
+        control = in_time(
             lambda: library.RTDEControlInterface(self.address, FREQUENCY), said, (RuntimeError,)
         )
-        if self.load is not None and not self._control.setPayload(*self.load):
+        if self.load is not None and not control.setPayload(*self.load):
             raise HardwareError(f"{self.address}: the robot refused the load {self.load}")
+        self._control = control
 
     def posture(self) -> np.ndarray:
         """(6,) [rad] where the arm is, before it starts."""
@@ -168,11 +168,19 @@ class URRobot:
 
     def _unlock(self, dashboard: Any) -> None:
         """End a protective stop, as at the pendant; the robot refuses that for some seconds after it."""
-        dashboard.connect()
-        dashboard.closeSafetyPopup()
-        dashboard.unlockProtectiveStop()
-        dashboard.disconnect()
+        stays = f"{self.address}: the protective stop stays"
+
+        def ask() -> None:
+            dashboard.connect()
+            dashboard.closeSafetyPopup()
+            dashboard.unlockProtectiveStop()
+            dashboard.disconnect()
+
+        in_time(ask, stays, (RuntimeError,))
+        until = time.monotonic() + LONGEST_UNLOCK
         while self._receive.isProtectiveStopped():  # until the next sample says so
+            if time.monotonic() > until:
+                raise HardwareError(f"{stays}; see the pendant why, and unlock it there")
             time.sleep(NAP)
 
     def _require_ready(self) -> None:
@@ -186,14 +194,15 @@ class URRobot:
             raise HardwareError(f"{self.address}: in mode {named!r}; power the arm on and release its brakes")
 
 
-def _periods(delay: Any) -> int:
+def periods(delay: Any) -> int:
+    """A delay as a number of periods. Raises ArgumentError for what is none."""
     try:
-        periods = operator.index(delay)
+        count = operator.index(delay)
     except TypeError:
-        periods = -1
-    if periods < 0:
-        raise ArgumentError(f"delay: expected a number of periods, 0 or more, got {delay!r}")
-    return periods
+        count = -1
+    if count < 0:
+        raise ArgumentError(f"delay: expected a whole number of periods, 0 or more, got {delay!r}")
+    return count
 
 
 def loaded_gravity(

@@ -16,7 +16,7 @@ import numpy as np
 
 from eladapt.gains.extremes import effort, extremes
 from eladapt.hardware.makers import require_joints
-from eladapt.hardware.ur import FREQUENCY, JOINTS, MODES, RUNNING, loaded_gravity
+from eladapt.hardware.ur import FREQUENCY, JOINTS, MODES, RUNNING, loaded_gravity, periods
 from eladapt.robot.protocols import Plant
 
 PERIOD = 1 / FREQUENCY  # [s]
@@ -35,7 +35,7 @@ class URStandIn:
     [periods] until a torque acts. mode: of `MODES`, by its number.
 
     A protective stop closes the brakes and refuses torques until it is unlocked; ``tripped`` says what caused
-    it. Raises ArgumentError for an arm of another number of joints.
+    it. Raises ArgumentError for an arm of another number of joints, or a delay that is no whole number.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class URStandIn:
         delay: int = 1,
         mode: int = RUNNING,
     ):
-        self.plant, self.delay, self.mode = plant, delay, mode
+        self.plant, self.delay, self.mode = plant, periods(delay), mode
         robot = plant.robot
         require_joints(robot, JOINTS, "UR")
         self.gravity = gravity or robot.gravity
@@ -58,7 +58,7 @@ class URStandIn:
         self._loaded: Callable[[np.ndarray], np.ndarray] = robot.gravity  # with that load
         self._held = 0.0  # [s] for which the plant's clock stood still
         self.sent = np.zeros(JOINTS)
-        self._told = [self.sent] * delay
+        self._told = [self.sent] * self.delay
         self._asked, self._resting, self._silent = False, False, 0
 
     def __repr__(self) -> str:

@@ -175,9 +175,14 @@ def test_load_and_thresholds_are_told_to_the_firmware(connected):
     ],
 )
 def test_a_robot_that_will_not_move_says_why(connected, mode, said):
-    _, _, interface = connected(mode=mode)
-    with pytest.raises(HardwareError, match=said):
-        interface.start()
+    _, arm, interface = connected(mode=mode)
+    for _ in range(2):  # and says so again
+        with pytest.raises(HardwareError, match=said):
+            interface.start()
+    arm.mode = lib.RobotMode.Idle
+    interface.start()
+    assert [name for name, *_ in arm.calls] == ["collision"], "told once the robot is ready"
+    interface.read()
 
 
 def test_errors_from_before_are_cleared_where_that_is_wanted(connected):
