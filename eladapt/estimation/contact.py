@@ -6,7 +6,8 @@ that acted, is what came from elsewhere; summed up over many steps only the mome
 acceleration. What comes to an arm that rests at its goal is no error of the model, which explained the rest:
 it is a load or a contact. A load pulls towards the ground, from somewhere near the tool, and nothing else:
 what no mass there explains is a contact. An arm learns nothing of a contact, or it would take a push for its
-own weight and friction.
+own weight and friction. A joint that sticks bears any torque up to its friction, from outside or its own; as
+far as that is known, what comes and goes there tells nothing.
 """
 
 from __future__ import annotations
@@ -69,14 +70,16 @@ def scattered(scatter: np.ndarray, external: np.ndarray, usual: np.ndarray, shar
     return found
 
 
-@kernel(VECTOR, VECTOR, VECTOR, VECTOR, SCALAR)
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, SCALAR)
 def within(
-    external: np.ndarray, usual: np.ndarray, scatter: np.ndarray, effort: np.ndarray, least: float
-) -> bool:
+    external: np.ndarray, usual: np.ndarray, scatter: np.ndarray, friction: np.ndarray, effort: np.ndarray,
+    least: float,
+) -> bool:  # fmt: skip
     """Whether nothing acts that is new: off the usual by no more than ``least`` of the effort, or than the
-    scatter may be."""
+    scatter may be, beyond what friction bears, pulling one way and then the other."""
     for i in range(len(usual)):
-        if abs(external[i] - usual[i]) > max(least * effort[i], DEVIATIONS * math.sqrt(scatter[i])):
+        noise = max(least * effort[i], DEVIATIONS * math.sqrt(scatter[i]))
+        if abs(external[i] - usual[i]) > noise + 2 * friction[i]:
             return False
     return True
 
@@ -117,16 +120,18 @@ class ContactDetector:
         """A step of dt [s]: the external torque over it (nv,) [N m], the posture q (nq,), the estimate theta
         (l,), whether the arm is at a goal that rests, and whether it stands still there."""
         external = averaged(state.external, outside, -math.expm1(-dt / self.memory))
+        friction = self._friction(theta)
         if state.since < 0:
-            return self._resting(state, external, arrived, still, dt)
+            return self._resting(state, external, friction, arrived, still, dt)
         state = state._replace(external=external)
         since = state.since + dt
         if not state.touching:
             if since < self.patience:
                 return state._replace(since=since)
-            touching = self.unlike_a_load(external - state.usual, q, state.scatter, self._carried(theta))
+            scatter = state.scatter + friction**2
+            touching = self.unlike_a_load(external - state.usual, q, scatter, self._carried(theta))
             return state._replace(since=since if touching else -1.0, touching=touching, rested=0.0, gone=0.0)
-        gone = state.gone + dt if self._nothing_new(state, external) else 0.0
+        gone = state.gone + dt if self._nothing_new(state, external, friction) else 0.0
         over = gone > QUIET or since > self.longest
         return state._replace(since=-1.0 if over else since, touching=not over, gone=gone)
 
@@ -152,13 +157,14 @@ class ContactDetector:
         return float(np.linalg.norm(missed)) > self.misfit * float(np.linalg.norm(felt)) + MISSED * noise
 
     def _resting(
-        self, state: ContactState, external: np.ndarray, arrived: bool, still: bool, dt: float
-    ) -> ContactState:
+        self, state: ContactState, external: np.ndarray, friction: np.ndarray, arrived: bool, still: bool,
+        dt: float,
+    ) -> ContactState:  # fmt: skip
         """The state while nothing new acts, or when it begins to."""
         _, usual, scatter, rested, since, touching, gone = state
         if not arrived:
             rested = 0.0
-        elif rested > self.rest and not self._nothing_new(state, external):
+        elif rested > self.rest and not self._nothing_new(state, external, friction):
             since = 0.0
         elif not still:
             rested = rested - dt if rested > self.rest else 0.0
@@ -170,8 +176,14 @@ class ContactDetector:
             rested = min(rested + dt, self.rest + GRACE)
         return ContactState(external, usual, scatter, rested, since, touching, gone)
 
-    def _nothing_new(self, state: ContactState, external: np.ndarray) -> bool:
-        return within(external, state.usual, state.scatter, self.effort, self.least)
+    def _nothing_new(self, state: ContactState, external: np.ndarray, friction: np.ndarray) -> bool:
+        return within(external, state.usual, state.scatter, friction, self.effort, self.least)
+
+    def _friction(self, theta: np.ndarray) -> np.ndarray:
+        """(nv,) [N m] Coulomb friction by the estimate."""
+        block = self.regressors.block("coulomb")
+        found = np.abs(theta[block] / self.regressors.scale[block])
+        return found if len(found) else np.zeros(len(self.effort))
 
     def _carried(self, theta: np.ndarray) -> float:
         """[kg] by how much the tool is heavier than in the URDF."""

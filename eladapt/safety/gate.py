@@ -24,7 +24,7 @@ from eladapt.robot.joint_limits import require_limit
 from eladapt.robot.model import Robot
 from eladapt.robot.postures import require_holdable, require_within
 from eladapt.robot.protocols import Goal
-from eladapt.safety.barrier import Barrier
+from eladapt.safety.barrier import Barrier, rotored
 from eladapt.safety.belief import Belief, BeliefState
 from eladapt.safety.fallback import Fallback, Hold
 from eladapt.safety.guards import Alarm, DivergenceGuard, GuardState
@@ -151,7 +151,8 @@ class TorqueGate:
         velocity, lower, upper = (limits[name] for name in ("velocity", "lower", "upper"))
         reversing = limit / limits["torque_rate"]
         horizon = np.maximum(max(0.01, 10 * dt), np.minimum(reversing, LONGEST_HORIZON))
-        barrier = Barrier(robot, velocity, lower, upper, time=np.maximum(0.1, 4 * horizon), horizon=horizon)
+        time, moved = np.maximum(0.1, 4 * horizon), rotored(robot, limit)
+        barrier = Barrier(moved, velocity, lower, upper, time=time, horizon=horizon)
         fallback = Fallback(
             robot, limit, limits["torque_rate"], max(0.01, 3 * dt), bridging=limits["max_age"]
         )
@@ -262,10 +263,12 @@ class TorqueGate:
         elapsed = measurement.t - last.t
         moved_by = pin.difference(robot.model, last.q, q)
         if state.age == 0 and 0 < elapsed < 2 * dt:
-            needed = robot.inverse_dynamics(q, v, (v - last.v) / elapsed, check=False)
+            a = (v - last.v) / elapsed
+            needed = robot.inverse_dynamics(q, v, a, check=False)
             belief = self.belief.step(belief, moved_by, last.v, v, tau, needed, elapsed)
             if self.barrier:
-                unexplained = self.barrier.unexplained(unexplained, needed - tau, elapsed)
+                now = self.barrier.robot.inverse_dynamics(q, v, a, check=False) - tau
+                unexplained = self.barrier.unexplained(unexplained, now, elapsed)
         elif elapsed > 0:
             belief = self.belief.after_gap(belief, moved_by, last.v, v, elapsed)
         state = state._replace(

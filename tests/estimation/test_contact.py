@@ -86,3 +86,21 @@ def test_what_a_detector_cannot_have_is_refused():
     for name in ("least", "memory", "rest", "patience", "longest", "misfit"):
         with pytest.raises(ArgumentError, match=name):
             ContactDetector(regressors, load("panda").effort_limit, **{name: 0.0})
+
+
+@pytest.mark.parametrize(
+    ("coulomb", "came", "acting"), [(0.0, 3.8, True), (2.0, 3.8, False), (2.0, 6.0, True)]
+)
+def test_what_friction_may_bear_is_nothing_new(coulomb, came, acting):
+    """A joint that sticks bears its Coulomb friction one way, and then the other; 0.9 N m count as nothing."""
+    regressors = ea.Regressors(load("panda"), joint_terms=("coulomb",))
+    detector = ContactDetector(regressors, load("panda").effort_limit)
+    theta, block, q = regressors.theta, regressors.block("coulomb"), load("panda").home
+    theta[block] = coulomb * regressors.scale[block]
+    state, outside = detector.init(), np.zeros(7)
+    for k in range(450):
+        outside[1] = came if k >= 400 else 0.0
+        state = detector.step(state, outside, q, theta, arrived=True, still=k < 400, dt=DT)
+        if state.acting:
+            break
+    assert state.acting == acting
