@@ -92,7 +92,7 @@ def test_what_a_detector_cannot_have_is_refused():
     ("coulomb", "came", "acting"), [(0.0, 3.8, True), (2.0, 3.8, False), (2.0, 6.0, True)]
 )
 def test_what_friction_may_bear_is_nothing_new(coulomb, came, acting):
-    """A joint that sticks bears its Coulomb friction one way, and then the other; 0.9 N m count as nothing."""
+    """A joint that sticks bears its Coulomb friction one way and then the other; 0.9 N m count as nothing."""
     regressors = ea.Regressors(load("panda"), joint_terms=("coulomb",))
     detector = ContactDetector(regressors, load("panda").effort_limit)
     theta, block, q = regressors.theta, regressors.block("coulomb"), load("panda").home
