@@ -1,7 +1,7 @@
 """The maker's client against a Franka that is not there: set-points for a minute, with all limits enforced.
 
 franka-sim serves an FR3 (rotors, friction) over the robot's own network protocol and stops it by the robot's
-reflexes. The controller knows the Panda's URDF and is told nothing. Make an environment for the server with
+reflexes. The controller knows the Panda's URDF. Make an environment for the server with
 
     python -m venv sim && sim/bin/pip install franka-sim && sim/bin/pip install --no-deps franky-sim
 
@@ -11,6 +11,7 @@ and say ELADAPT_FRANKA_SIM_PYTHON=sim/bin/python. Needs two cores for itself.
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import re
 import subprocess
@@ -36,7 +37,10 @@ GOALS, EACH, FAR = 8, 7.5, 0.4  # set-points of a minute, [s], [rad] from the st
 SLOW = 0.4  # of the Panda's speed limits: the FR3's depend on where it is
 LOAD = 1.5  # [kg]
 # Its physics and its network each keep a clock: some samples in a thousand are a cycle or four off.
-TOLD: dict[str, Any] = {"delay": DT, "jitter": 4 * DT}
+TOLD: dict[str, dict[str, Any]] = {
+    "nothing": {}, "delay": {"delay": DT}, "delay and jitter": {"delay": DT, "jitter": 4 * DT},
+}  # fmt: skip
+ALL = "delay and jitter"
 PATIENCE = 30.0  # [s] for the server to start
 
 Gravity = Callable[[np.ndarray], np.ndarray]
@@ -104,8 +108,8 @@ def firmware_gravity(python: str) -> Gravity:
     return gravity
 
 
-def controller_of(robot: ea.Robot) -> ea.GatedController:
-    return ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, **TOLD), DT)
+def controller_of(robot: ea.Robot, told: str = ALL) -> ea.GatedController:
+    return ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT, **TOLD[told]), DT)
 
 
 def minute(controller: Any, arm: FrankaRobot, gravity: Gravity, seed: int) -> Run:
@@ -126,40 +130,53 @@ def minute(controller: Any, arm: FrankaRobot, gravity: Gravity, seed: int) -> Ru
     )  # fmt: skip
 
 
+def row_of(load: float, told: str, seed: int, done: Run) -> dict[str, Any]:
+    return {
+        "load": load, "told": told, "seed": seed, "ended": done.ended[:100], "after": done.after,
+        "rest": done.rest, "rate": done.rate, "lost": done.lost, "work": done.work, "slowest": done.slowest,
+    }  # fmt: skip
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--seeds", type=int, nargs="*", default=list(range(10)), help="(default: 0 to 9)")
+    parser.add_argument(
+        "--loads", type=float, nargs="*", default=[0.0, LOAD], help=f"[kg] (default: 0 {LOAD})"
+    )
+    parser.add_argument("--told", choices=list(TOLD), nargs="*", default=list(TOLD), help="(default: all)")
+    parser.add_argument(
+        "--kept", type=Path, default=Path("out/franka_client.jsonl"), help="runs so far, and these"
+    )
     options = parser.parse_args()
     python = os.environ.get("ELADAPT_FRANKA_SIM_PYTHON")
     if python is None:
         sys.exit("skipped: say ELADAPT_FRANKA_SIM_PYTHON, see --help")
-    robot, gravity = ea.Robot.load("panda"), firmware_gravity(python)
-    rows: list[list[str]] = []
-    for load, runs in ((0.0, options.runs), (LOAD, max(1, options.runs // 3))):
-        for seed in range(runs):
-            with server(python, load):
-                arm = FrankaRobot(ADDRESS, robot, gravity=gravity, recover=True)
-                done = minute(controller_of(robot), arm, gravity, seed)
-            figures = (f"{done.after:.1e}", f"{done.rest:.1e}", f"{done.rate:.3f}", str(done.lost))
-            row = [
-                f"{load:g}",
-                str(seed),
-                done.ended[:100],
-                *figures,
-                f"{done.work:.0f}",
-                f"{done.slowest:.0f}",
-            ]
-            print(row, flush=True)
-            rows.append(row)
-    head = ["load [kg]", "run", "ended", f"error {AFTER:g} s after motions [rad]", "at rest [rad]",
+    robot, gravity, case = ea.Robot.load("panda"), firmware_gravity(python), ("load", "told", "seed")
+    for load, told, seed in itertools.product(options.loads, options.told, options.seeds):
+        with server(python, load):
+            arm = FrankaRobot(ADDRESS, robot, gravity=gravity, recover=True)
+            row = row_of(load, told, seed, minute(controller_of(robot, told), arm, gravity, seed))
+        print(row, flush=True)
+        table.gathered(options.kept, case, row)
+    rows = sorted(table.gathered(options.kept, case), key=lambda row: [row[name] for name in case])
+    cells = [
+        [
+            f"{row['load']:g}", row["told"], row["seed"], row["ended"], f"{row['after']:.1e}",
+            f"{row['rest']:.1e}", f"{row['rate']:.3f}", row["lost"], f"{row['work']:.0f}",
+            f"{row['slowest']:.0f}",
+        ]
+        for row in rows
+    ]  # fmt: skip
+    head = ["load [kg]", "told", "run", "ended", f"error {AFTER:g} s after motions [rad]", "at rest [rad]",
             "most a cycle [N m]", "cycles lost", "state to command [us], median", "99.9 %"]  # fmt: skip
     notes = (
         f"A minute of {GOALS} set-points up to {FAR:g} rad from the start in each joint. The error is that "
         f"from the set-point, the largest of all joints. The limit of a cycle is 1 N m. Motions keep to "
-        f"{SLOW:g} of the Panda's speed limits. The controller is told {TOLD} "
-        "and the Panda's URDF. The change is of what is wanted; what is sent changes by 0.99 N m at the most."
+        f"{SLOW:g} of the Panda's speed limits. Told, beside the Panda's URDF: "
+        f"{'; '.join(f'{name}, {given}' for name, given in TOLD.items())}. "
+        "The change is of what is wanted; what is sent changes by 0.99 N m at the most."
     )
-    table.write("franka_client", "A Franka that is not there, by its maker's client", head, rows, notes)
+    table.write("franka_client", "A Franka that is not there, by its maker's client", head, cells, notes)
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ def test_each_check_ends_the_loop_with_its_name_and_all_there_was(harm, said):
     with client.server(PYTHON, 0.0):
         arm = Harmful(harm, client.ADDRESS, robot, gravity=gravity, recover=True)
         start = arm.posture()
-        controller = ea.CompositeController.for_robot(robot, DT, **client.TOLD)
+        controller = ea.CompositeController.for_robot(robot, DT, **client.TOLD[client.ALL])
         with pytest.raises(LoopError, match=said) as ended:
             ea.run_loop(controller, arm, robot.configuration(start), 4.0, DT)
         record = ended.value.record
