@@ -15,7 +15,7 @@ from eladapt.control.disturbance import DisturbanceEstimate, unexplained
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.learned_joints import LearnedJoints
 from eladapt.control.reports import carried
-from eladapt.control.starting import starting_parameters
+from eladapt.control.starting import friction_bounds, starting_parameters
 from eladapt.control.state import ControllerState
 from eladapt.control.stepping import Sample, checked_step, clipped, elapsed, free, resting
 from eladapt.errors import ArgumentError, require_gain, require_vector
@@ -77,7 +77,7 @@ class CompositeController:
         for name in ("Gamma", "Upsilon"):
             if np.ndim(getattr(self.law, name)):
                 require_gain(name, getattr(self.law, name), j)
-        self.law.check_bounds(j)
+        self.law.check_bounds(j, len(self.regressors))
         if isinstance(self.control, FiniteTimePD):
             self.control.gains(nv)
         if abs(self.law.b - self.control.b) > 1e-12:
@@ -129,7 +129,11 @@ class CompositeController:
             ),
             extension=SubspaceLeastSquares(gains.alpha, gains.beta, gains.f0, gains.floor),
             mixing=Unmixed(),
-            law=CompositeLaw(Gamma=gains.Gamma, Upsilon=gains.Upsilon),
+            law=CompositeLaw(
+                Gamma=gains.Gamma,
+                Upsilon=gains.Upsilon,
+                bounds=friction_bounds(regressors, gains.friction_limit, gains.offset_limit),
+            ),
             control=FiniteTimePD(gains.P, gains.D, gains.D_L, horizon=gains.horizon),
             joints=LearnedJoints(regressors, gains.rotors, gains.horizon, gains.alpha, gains.pole),
             effort_limit=robot.effort_limit,

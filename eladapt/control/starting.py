@@ -1,4 +1,4 @@
-"""Where the parameters of a controller start."""
+"""Where the parameters of a controller start, and where they stay."""
 
 from __future__ import annotations
 
@@ -35,3 +35,14 @@ def starting_parameters(
         start[size - j :] = require_vector("theta0", theta0, j)
         return start
     return np.array(require_vector("theta0", theta0, size))
+
+
+def friction_bounds(regressors: Regressors, coulomb: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """(l, 2) intervals of theta: friction is not negative, Coulomb friction at most ``coulomb`` (nv,) [N m],
+    an offset at most ``offset`` (nv,) [N m]; whatever else is free."""
+    bounds = np.full((len(regressors), 2), (-np.inf, np.inf))
+    bounds[regressors.block("viscous"), 0] = 0.0
+    for name, limits in (("coulomb", (0 * coulomb, coulomb)), ("offset", (-offset, offset))):
+        block = regressors.block(name)
+        bounds[block] = (regressors.scale[block] * limits).T if block.stop > block.start else bounds[block]
+    return bounds

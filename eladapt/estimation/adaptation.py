@@ -89,8 +89,9 @@ class CompositeLaw:
 
     gamma1, gamma2 >= 0 (one of them positive), d1 >= 0; Gamma, Upsilon: scalar or (n_potential,) diagonal,
     Gamma in units of theta^2/J, scalars where they serve more than theta_U; b, d: exponents of (fphi) and
-    (329), 0 < b <= 1, d > 0. bounds: known |theta_U| bounds, scalar or (n_potential,), or (n_potential, 2)
-    intervals; the estimate is projected on them (Assumption 1). direct, indirect: which of the two terms act.
+    (329), 0 < b <= 1, d > 0. bounds: known |theta_U| bounds, scalar or (n_potential,), or intervals,
+    (n_potential, 2) or (l, 2) of the whole theta; the estimate is projected on them (Assumption 1). direct,
+    indirect: which of the two terms act.
     """
 
     gamma1: float = 0.3
@@ -182,18 +183,22 @@ class CompositeLaw:
         moved = estimate + flow(theta[start:] - estimate, rate, self.b, dt)
         return np.concatenate([theta[:start], moved])
 
-    def check_bounds(self, n_potential: int) -> None:
-        """Raises ArgumentError for bounds of another number of parameters."""
+    def check_bounds(self, n_potential: int, size: int) -> None:
+        """Raises ArgumentError for bounds of other numbers of parameters than those of theta_U and theta."""
         bounds = self.bounds
-        if isinstance(bounds, np.ndarray) and bounds.ndim > 1 and len(bounds) != n_potential:
-            raise ArgumentError(f"bounds: expected a scalar or ({n_potential},), got {len(bounds)} of them")
+        if isinstance(bounds, np.ndarray) and bounds.ndim > 1 and len(bounds) not in (n_potential, size):
+            raise ArgumentError(
+                f"bounds: expected a scalar, ({n_potential},) or ({size}, 2), got {len(bounds)} of them"
+            )
 
     def bounded(self, theta: np.ndarray, n_potential: int) -> np.ndarray:
-        """theta (l,) with theta_U, its last block, projected on the bounds."""
+        """theta (l,) projected on the bounds: theta_U, its last block, or all of it."""
         if self.bounds is None:
             return theta
-        start = len(theta) - n_potential
         low, high = self.bounds[..., 0], self.bounds[..., 1]  # type: ignore[index]
+        if low.size == len(theta):
+            return np.minimum(np.maximum(theta, low), high)
+        start = len(theta) - n_potential
         return np.concatenate([theta[:start], np.clip(theta[start:], low, high)])
 
 

@@ -29,6 +29,9 @@ LEAST_ROTOR_ACCELERATION = 50.0
 # Of the effort limit: friction of some parts of it must not hold a joint far from its goal.
 LEAST_STIFFNESS = 0.3
 LEAST_SLIDING = 5e-3  # [rad/s]: five times a velocity noise that nobody told
+# Of the effort limit. What cannot be keeps the estimate from running off along directions that motions of
+# little variety do not tell: an offset against gravity, Coulomb friction against viscous.
+MOST_FRICTION, MOST_OFFSET = 0.5, 0.2
 MOST_PUSH = 1000.0  # [rad/s^2] by which a disturbance estimate may throw a link that has no rotor
 IDEAL = Hardware()
 MAY_BE_ZERO = ("rotors", "D_L", "floor", "stiction_speed", "tolerance", "still_speed")
@@ -52,6 +55,8 @@ class Gains:
     f0: float  # initial information
     floor: float  # length of a row of Omega that is noise
     stiction_speed: float  # [rad/s] a slower joint may stick
+    friction_limit: np.ndarray  # [N m] the most Coulomb friction that is believed
+    offset_limit: np.ndarray  # [N m] the largest offset that is believed
     Gamma: float
     Upsilon: float
     disturbance_limit: np.ndarray  # [N m] of the disturbance estimate
@@ -167,6 +172,13 @@ def derive_gains(
         max(LEAST_SLIDING, 5 * noisy_speed),
         f"max({LEAST_SLIDING:g} rad/s, 5 s_v): below it a joint may stick, or v be noise",
     )
+    friction_limit = settle(
+        "friction_limit", np.maximum(MOST_FRICTION * limit, 2 * robot.friction),
+        f"max({MOST_FRICTION:g} effort, 2 of the URDF's): the most Coulomb friction that is believed",
+    )  # fmt: skip
+    offset_limit = settle(
+        "offset_limit", MOST_OFFSET * limit, f"{MOST_OFFSET:g} effort: the largest offset that is believed"
+    )
     disturbance_limit = settle("disturbance_limit", 0.5 * limit, "0.5 effort")
     moving_limit = settle(
         "moving_limit",
@@ -190,8 +202,9 @@ def derive_gains(
     Upsilon = settle("Upsilon", rate / Gamma, "Gamma Upsilon = sqrt(3 max|g|) / 0.045: arrives within 0.3 s")
     _require_resolved(fall_mode(robot), dt, hardware.delay, "gravity changes")
     return Gains(
-        P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, stiction_speed, Gamma, Upsilon,
-        disturbance_limit, moving_limit, memory, tolerance, still_speed, tuple(rules),
+        P, D, D_L, rotors, horizon, pole, row_weight, alpha, beta, f0, floor, stiction_speed, friction_limit,
+        offset_limit, Gamma, Upsilon, disturbance_limit, moving_limit, memory, tolerance, still_speed,
+        tuple(rules),
     )  # fmt: skip
 
 
