@@ -201,14 +201,16 @@ def _marked(charts: list[Any], record: Record) -> list[Any]:
 
 
 def bounds_of(record: Record) -> np.ndarray | None:
-    """(j, 2) the bounds that the adaptation law keeps, if it was given any."""
+    """(j, 2) the bounds of theta_U that the adaptation law keeps, if it was given any."""
     given = _within(innermost(record.configuration.get("controller")).get("law"), "bounds")
     if given is None or isinstance(given, str):  # a text stands for more numbers than a record keeps
         return None
     bounds = np.asarray(given, dtype=float)
     if bounds.ndim < 2:
         bounds = np.stack([-bounds, bounds], axis=-1)
-    return np.broadcast_to(bounds, (record.theta.shape[1], 2))
+    size = record.theta.shape[1]
+    bounds = np.broadcast_to(bounds[-size:] if len(bounds) > size else bounds, (size, 2))
+    return bounds if np.isfinite(bounds).any() else None
 
 
 def _time(*records: Record) -> Range1d:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import sqrt, tanh
 
 import numpy as np
@@ -19,16 +19,22 @@ NOTHING = slice(0, 0)
 RESOLVED = 0.3
 
 
-@kernel(VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
-def arrived(theta: np.ndarray, error: np.ndarray, rate: float, b: float, dt: float) -> np.ndarray:
-    """theta after dt of theta' = rate r / |r|^(1 - b), which arrives at r = 0 and stays."""
-    n, square = len(theta), 0.0
+@kernel(VECTOR, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
+def arrived(
+    theta: np.ndarray, error: np.ndarray, low: np.ndarray, high: np.ndarray, rate: float, b: float, dt: float
+) -> np.ndarray:
+    """theta after dt of theta' = rate r / |r|^(1 - b), which arrives at r = 0 and stays.
+
+    What is at a bound and would leave it stays and does not count in |r|, or it would slow all else.
+    """
+    n, square, after = len(theta), 0.0, theta.copy()
     for k in range(n):
-        square += error[k] * error[k]
+        if low[k] < theta[k] < high[k] or (error[k] > 0.0) == (theta[k] <= low[k]):
+            square += error[k] * error[k]
     share = min(1.0, rate * dt / sqrt(square) ** (1 - b)) if square > 0.0 else 0.0
-    after = np.empty(n)
     for k in range(n):
-        after[k] = theta[k] + share * error[k]
+        if low[k] < theta[k] < high[k] or (error[k] > 0.0) == (theta[k] <= low[k]):
+            after[k] += share * error[k]
     return after
 
 
@@ -101,7 +107,7 @@ class CompositeLaw:
     Upsilon: float | np.ndarray = 50.0
     b: float = 0.5
     d: float = 0.5
-    bounds: float | np.ndarray | None = None
+    bounds: float | np.ndarray | None = field(default=None, repr=False)
     direct: bool = True
     indirect: bool = True
 
@@ -167,7 +173,21 @@ class CompositeLaw:
 
     def arrive(self, theta: np.ndarray, error: np.ndarray, dt: float) -> np.ndarray:
         """The indirect term over dt [s] along a vector error r (k,) = Y - Phi theta."""
-        return arrived(theta, error, self._scalar_rate, self.b, dt) if self.indirect else theta
+        if not self.indirect:
+            return theta
+        low, high = self._range(len(theta))
+        return arrived(theta, error, low, high, self._scalar_rate, self.b, dt)
+
+    def _range(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of so many parameters; infinite where the bounds are those of others."""
+        if self.bounds is None or np.shape(np.asarray(self.bounds)) != (size, 2):
+            return np.full(size, -np.inf), np.full(size, np.inf)
+        return self._columns
+
+    @functools.cached_property
+    def _columns(self) -> tuple[np.ndarray, np.ndarray]:
+        low, high = np.array(self.bounds).T
+        return low.copy(), high.copy()
 
     def scalar_flow(self, theta: np.ndarray, mixed: MixedRegression, dt: float) -> np.ndarray:
         """The indirect term over dt [s] with a scalar gain Delta: the last parameters of theta, as many as Y

@@ -49,6 +49,30 @@ def test_panda_tells_its_friction():
     assert estimate.known[1, 4:].all()
 
 
+@pytest.mark.parametrize("rows", ["friction", "offset"])
+def test_friction_that_cannot_be_is_not_learned(rows):
+    """However wrong the torque that is reported: friction that drives, or an offset of a third of the effort
+    limit. What theta holds is possible at every step."""
+    robot = load("two_link")
+    controller = ea.CompositeController.for_robot(robot)
+    reg, limit = controller.regressors, controller.gains.offset_limit / 0.2
+    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
+    measurement = plant.reset()
+    state, goal, learned = controller.init(measurement), robot.configuration(robot.target), []
+    for _ in range(1500):
+        state, tau = controller.step(state, measurement, goal, DT)
+        measurement = plant.step(tau, DT)
+        wrong = 0.1 * limit * np.sign(measurement.v) if rows == "friction" else limit / 3
+        measurement = measurement._replace(tau=measurement.tau - wrong)
+        learned.append(state.parameters / reg.scale)
+    learned = np.array(learned)
+    assert learned[:, reg.block("coulomb")].min() >= 0
+    assert learned[:, reg.block("viscous")].min() >= 0
+    offset = np.abs(learned[:, reg.block("offset")]) / limit
+    assert offset.max() < 0.2 + 1e-9  # rounding
+    assert rows == "friction" or offset.max() > 0.2 - 1e-9, "the bound was reached"
+
+
 def test_columns_cost_nothing_without_friction():
     """Two links without friction: the goal is reached, friction found to be none."""
     robot = load("two_link")

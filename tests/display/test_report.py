@@ -135,6 +135,9 @@ def test_bounds_and_true_values_of_the_estimates_are_drawn(record):
     law = {**record.configuration["controller"], "law": {"bounds": [2.0] * j}}
     bounded = ea.Record(**{**vars(record), "configuration": {"controller": law}})
     np.testing.assert_array_equal(charts.bounds_of(bounded), np.tile([-2.0, 2.0], (j, 1)))
+    whole = {"law": {"bounds": [[0.0, 9.0]] * 3 + [[-2.0, 2.0]] * j}}
+    of_all = ea.Record(**{**vars(record), "configuration": {"controller": {**law, **whole}}})
+    np.testing.assert_array_equal(charts.bounds_of(of_all), charts.bounds_of(bounded))
     levels = [span.location for span in charts.learning(bounded)[0].center if hasattr(span, "location")]
     expected = sorted([*record.theta_true, *[2.0] * j, *[-2.0] * j])
     assert sorted(x for x in levels if isinstance(x, float)) == pytest.approx(expected)

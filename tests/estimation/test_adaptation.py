@@ -100,6 +100,14 @@ def test_estimates_stay_within_known_bounds():
     np.testing.assert_allclose(theta, [9.0, 1.0, -2.0, 0.1], atol=1e-12)
 
 
+def test_bounds_of_the_whole_theta_leave_free_what_has_none():
+    law = ea.CompositeLaw(bounds=np.array([[0.0, np.inf], [-np.inf, np.inf], [-1.0, 1.0]]))
+    np.testing.assert_array_equal(law.bounded(np.array([-3.0, -3.0, -3.0]), 1), [0.0, -3.0, -1.0])
+    law.check_bounds(1, 3)
+    with pytest.raises(ArgumentError, match=r"expected a scalar, \(2,\) or \(4, 2\), got 3"):
+        law.check_bounds(2, 4)
+
+
 def test_monitor_integrates_zeta():
     monitor, mixed = GateMonitor(0.5, 0.5), MixedRegression(np.zeros(2), 0.25)
     excitation = monitor.init()
