@@ -120,8 +120,8 @@ def cluster_said(arm: str, worlds: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--arms", nargs="+", default=list(ARMS))
-    parser.add_argument("--worlds", type=int, default=100, help="an arm (default: 100)")
+    parser.add_argument("--arms", nargs="+", default=list(ARMS), help="each NAME, or NAME=WORLDS")
+    parser.add_argument("--worlds", type=int, default=100, help="of arms that say no number (default: 100)")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--folder", type=Path, help="of the rows (default: a temporary one)")
     parser.add_argument("--cluster-worlds", type=int, default=0, help="of panda, for dask; 0 leaves it out")
@@ -133,9 +133,10 @@ def main() -> None:
     ]
     with tempfile.TemporaryDirectory() as temporary:
         folder, rows = options.folder or Path(temporary), []
-        for arm in options.arms:
-            robot = ea.Robot.load(arm)
-            result = ea.stress(robot, worlds=options.worlds, jobs=options.jobs, out=folder / arm)
+        for asked in options.arms:
+            arm, _, number = asked.partition("=")
+            robot, worlds = ea.Robot.load(arm), int(number or options.worlds)
+            result = ea.stress(robot, worlds=worlds, jobs=options.jobs, out=folder / arm)
             rows.append(arm_row(result))
             failures = result.failures()
             if failures:
