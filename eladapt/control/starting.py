@@ -9,6 +9,8 @@ import numpy as np
 from eladapt.errors import ArgumentError, UnknownNameError, require_vector
 from eladapt.regressors.regressors import Regressors
 
+NOTHING = 2e-3  # of the largest Coulomb friction, and the same number of viscous friction [N m s/rad]
+
 
 def starting_parameters(
     theta0: str | Sequence[float] | np.ndarray | None, regressors: Regressors, default: str = "zero"
@@ -39,10 +41,13 @@ def starting_parameters(
 
 def friction_bounds(regressors: Regressors, coulomb: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """(l, 2) intervals of theta: friction is not negative, Coulomb friction at most ``coulomb`` (nv,) [N m],
-    an offset at most ``offset`` (nv,) [N m]; whatever else is free."""
+    an offset at most ``offset`` (nv,) [N m]; whatever else is free. `NOTHING` is left below zero, or an arm
+    without friction would be at its bounds for ever."""
     bounds = np.full((len(regressors), 2), (-np.inf, np.inf))
-    bounds[regressors.block("viscous"), 0] = 0.0
-    for name, limits in (("coulomb", (0 * coulomb, coulomb)), ("offset", (-offset, offset))):
+    least = -NOTHING * coulomb
+    for name, limits in (
+        ("viscous", (least, least + np.inf)), ("coulomb", (least, coulomb)), ("offset", (-offset, offset))
+    ):  # fmt: skip
         block = regressors.block(name)
         bounds[block] = (regressors.scale[block] * limits).T if block.stop > block.start else bounds[block]
     return bounds

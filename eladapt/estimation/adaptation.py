@@ -10,6 +10,7 @@ import numpy as np
 
 from eladapt.compiling import COUNT, FLAGS, MATRIX, SCALAR, VECTOR, kernel
 from eladapt.errors import ArgumentError, require_gain, require_number
+from eladapt.estimation import kernels
 from eladapt.estimation.excitation import zeta_1
 from eladapt.signals import MixedRegression
 
@@ -19,22 +20,16 @@ NOTHING = slice(0, 0)
 RESOLVED = 0.3
 
 
-@kernel(VECTOR, VECTOR, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
-def arrived(
-    theta: np.ndarray, error: np.ndarray, low: np.ndarray, high: np.ndarray, rate: float, b: float, dt: float
-) -> np.ndarray:
-    """theta after dt of theta' = rate r / |r|^(1 - b), which arrives at r = 0 and stays.
-
-    What is at a bound and would leave it stays and does not count in |r|, or it would slow all else.
-    """
-    n, square, after = len(theta), 0.0, theta.copy()
+@kernel(VECTOR, VECTOR, SCALAR, SCALAR, SCALAR)
+def arrived(theta: np.ndarray, error: np.ndarray, rate: float, b: float, dt: float) -> np.ndarray:
+    """theta after dt of theta' = rate r / |r|^(1 - b), which arrives at r = 0 and stays."""
+    n, square = len(theta), 0.0
     for k in range(n):
-        if low[k] < theta[k] < high[k] or (error[k] > 0.0) == (theta[k] <= low[k]):
-            square += error[k] * error[k]
+        square += error[k] * error[k]
     share = min(1.0, rate * dt / sqrt(square) ** (1 - b)) if square > 0.0 else 0.0
+    after = np.empty(n)
     for k in range(n):
-        if low[k] < theta[k] < high[k] or (error[k] > 0.0) == (theta[k] <= low[k]):
-            after[k] += share * error[k]
+        after[k] = theta[k] + share * error[k]
     return after
 
 
@@ -171,18 +166,19 @@ class CompositeLaw:
             theta, regressor, e1, e2, position, velocity, Gamma, dt, free, kept.start, kept.stop
         )
 
-    def arrive(self, theta: np.ndarray, error: np.ndarray, dt: float) -> np.ndarray:
-        """The indirect term over dt [s] along a vector error r (k,) = Y - Phi theta."""
+    def arrive(
+        self, theta: np.ndarray, error: np.ndarray, dt: float, triangle: np.ndarray | None = None
+    ) -> np.ndarray:
+        """The indirect term over dt [s] along a vector error r (k,) = Y - Phi theta.
+
+        triangle: of the information about these parameters. Bounds are then kept where that changes least of
+        what the data say (`kernels.kept_within`); what they forbid does not count in |r|.
+        """
         if not self.indirect:
             return theta
-        low, high = self._range(len(theta))
-        return arrived(theta, error, low, high, self._scalar_rate, self.b, dt)
-
-    def _range(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of so many parameters; infinite where the bounds are those of others."""
-        if self.bounds is None or np.shape(np.asarray(self.bounds)) != (size, 2):
-            return np.full(size, -np.inf), np.full(size, np.inf)
-        return self._columns
+        if triangle is not None and np.shape(self.bounds) == (len(theta), 2):  # type: ignore[arg-type]
+            error = kernels.kept_within(triangle, theta + error, *self._columns) - theta
+        return arrived(theta, error, self._scalar_rate, self.b, dt)
 
     @functools.cached_property
     def _columns(self) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ TINY = 1e-300
 REORDERED = {"reassoc", "contract", "nsz"}  # sums in any order, an eighth faster
 SWEEPS = 30  # of Jacobi's rotations over a few rows; 3 to 5 are typical
 BEYOND = 1 + 1e-9  # rounding
+BOUND_SWEEPS = 4
 ROTATED = 1e-15  # cosine between two rows that counts as orthogonal
 
 
@@ -305,6 +306,38 @@ def prediction_error(triangle: np.ndarray, prior: float, theta: np.ndarray) -> n
         for k in range(j, n):
             error[k] += triangle[j, k] * unexplained[j]
     return error
+
+
+@kernel(MATRIX, VECTOR, VECTOR, VECTOR)
+def kept_within(triangle: np.ndarray, theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """theta (l,) within its bounds, the nearest to it by the information, d'T'T d: what a bound takes from
+    one parameter goes to those that the data hardly tell from it.
+
+    One bound after the other, along F e_k, a few times over: what is left of it is for a plain limit.
+    """
+    n, after = len(theta), theta.copy()
+    column = np.empty(n)
+    for _ in range(BOUND_SWEEPS):
+        inside = True
+        for k in range(n):
+            beyond = after[k] - min(max(after[k], low[k]), high[k])
+            if beyond == 0.0:
+                continue
+            inside = False
+            for j in range(n):
+                column[j] = 0.0
+            column[k] = 1.0
+            solve_transposed(triangle, column, inf)
+            solve(triangle, column)
+            share = beyond / column[k]
+            for j in range(n):
+                after[j] -= share * column[j]
+            after[k] = min(max(after[k], low[k]), high[k])
+        if inside:
+            break
+    for k in range(n):
+        after[k] = min(max(after[k], low[k]), high[k])
+    return after
 
 
 @kernel(MATRIX, MATRIX)

@@ -117,7 +117,7 @@ class Unmixed:
         """theta (l,) after dt [s] along r; with scope "potential" its last block alone moves."""
         if self.scope == "all":
             error = kernels.prediction_error(information.triangle, information.prior, theta)
-            return law.arrive(theta, error, dt)
+            return law.arrive(theta, error, dt, information.triangle if information.prior > 0 else None)
         start = len(theta) - n_potential
         mixed = self.mix(information, n_potential)
         moved = law.arrive(theta[start:], mixed.Y - mixed.gain @ theta[start:], dt)

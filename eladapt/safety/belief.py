@@ -7,7 +7,8 @@ with a the mean over a few samples. Whatever else acts (a load, a person, fricti
 acts beside the torque, so what s and tau *change* by over some milliseconds agrees, z = x. Where z is opposed
 to x all the time, encoder or drive turn the wrong way; where z is nothing although tau has changed by more
 than friction bears, even for an arm with the largest rotor that is believed, one of them is dead or stuck, or
-something holds the joint. A load or a push that comes at once spoils some samples and not a run of them.
+something holds the joint. So it is where the arm moves for a while as if so large a torque did not act. A
+load or a push that comes at once spoils some samples and not a run of them.
 
 Does the position go where the velocity says? Over some milliseconds its integral is compared with the way.
 
@@ -42,6 +43,7 @@ MEMORY = 0.02  # [s] over which position and velocity are compared
 CONTRADICTION = 0.2  # of the way, by which they may differ
 LIVELY_MEMORY, LIVELY = 0.15, 0.45  # [s]; share of samples at rest that turn back, of white noise two thirds
 SAME = 20  # samples in a row without any noise
+IDLE, UNFELT = 20, 0.15  # samples in a row that need less than this part of a torque
 HALTED = (3, 5)  # samples in a row after which a joint that moved has halted at once
 BRIDGED = 0.05  # [s] over which the mean of two velocities tells a way
 SPREAD = 8.0  # standard deviations of the position's white noise that a way may be off by beside
@@ -56,6 +58,7 @@ class BeliefState(NamedTuple):
     turned: np.ndarray  # [N m] by how much torque changed in them, to and fro
     deaf: np.ndarray  # samples in a row that did not answer it
     pushed: np.ndarray  # [N m] by how much torque changed in them, from first to last
+    idle: np.ndarray  # (nv,) samples in a row as if no torque acted, though much does
     drift: np.ndarray  # (nv,) [rad] of the position, beside the integral of the velocity
     way: np.ndarray  # [rad] the larger of both
     jitter: np.ndarray  # [rad^2] mean square of the position's white noise
@@ -121,11 +124,12 @@ def sensed(
     return found
 
 
-@kernel(MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, VECTOR, COUNTS, *[VECTOR] * 8)
+@kernel(MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, COUNTS, *[VECTOR] * 8)
 def doubted(
-    opposed: np.ndarray, turned: np.ndarray, deaf: np.ndarray, pushed: np.ndarray, against: np.ndarray,
-    silent: np.ndarray, enough: np.ndarray, drift: np.ndarray, way: np.ndarray, jitter: np.ndarray,
-    contradiction: np.ndarray, same: np.ndarray, paced: np.ndarray, halting: np.ndarray, lively: np.ndarray,
+    opposed: np.ndarray, turned: np.ndarray, deaf: np.ndarray, pushed: np.ndarray, idle: np.ndarray,
+    against: np.ndarray, silent: np.ndarray, enough: np.ndarray, drift: np.ndarray, way: np.ndarray,
+    jitter: np.ndarray, contradiction: np.ndarray, same: np.ndarray, paced: np.ndarray, halting: np.ndarray,
+    lively: np.ndarray,
 ) -> int:  # fmt: skip
     """nv times the number of the first reason that a joint gives, and the joint; -1 where none gives any."""
     n = len(drift)
@@ -137,6 +141,8 @@ def doubted(
         for s in range(len(enough)):
             if deaf[s, i] >= enough[s] and abs(pushed[s, i]) > silent[i]:
                 return n + i
+        if idle[i] >= IDLE:
+            return n + i
     worst, farthest = -1, 0.0
     for i in range(n):
         allowed = contradiction[i] + CONTRADICTION * way[i] + SPREAD * math.sqrt(jitter[i])
@@ -159,7 +165,8 @@ class Belief:
 
     least [N m]: the change over SPAN samples that says something at all. against [N m]: that in a run that
     is opposed; silent [N m]: in one without an answer, from its first to its last, which friction alone may
-    cause: twice itself, where it holds a joint in both directions. rotor [kg m^2]: the
+    cause: twice itself, where it holds a joint in both directions; and the torque that is missed where it is
+    not felt. rotor [kg m^2]: the
     largest that is believed. contradiction [rad]: by how much a position may leave its velocity's integral
     beside a share of the way. still [rad/s]: below it a joint rests; halting: above it none halts between
     two samples. Raises ArgumentError for what is not positive.
@@ -203,8 +210,8 @@ class Belief:
         none, runs = np.zeros(self.robot.nv), np.zeros((len(SPANS), self.robot.nv))
         return BeliefState(
             rows=np.zeros((3, 2 * max(SPANS), self.robot.nv)), opposed=runs, turned=runs, deaf=runs,
-            pushed=runs, drift=none, way=none, jitter=none, step=none, change=none, lively=none, same=none,
-            paced=none,
+            pushed=runs, idle=none, drift=none, way=none, jitter=none, step=none, change=none, lively=none,
+            same=none, paced=none,
         )  # fmt: skip
 
     def step(
@@ -226,7 +233,9 @@ class Belief:
         opposed, turned, deaf, pushed = runs(
             rows, state.opposed, state.turned, state.deaf, state.pushed, self.least, SPANS, OPPOSED, DEAF
         )
-        state = state._replace(rows=rows, opposed=opposed, turned=turned, deaf=deaf, pushed=pushed)
+        unfelt = (np.abs(torque) > self.silent) & (np.abs(needed) < UNFELT * np.abs(torque))
+        idle = np.where(unfelt, state.idle + 1.0, 0.0)
+        state = state._replace(rows=rows, opposed=opposed, turned=turned, deaf=deaf, pushed=pushed, idle=idle)
         return self._sensed(state, moved, before, v, elapsed)
 
     def after_gap(
@@ -254,9 +263,9 @@ class Belief:
     def alarm(self, state: BeliefState) -> Alarm | None:
         """The joint that is not to be believed, and why."""
         found = doubted(
-            state.opposed, state.turned, state.deaf, state.pushed, self.against, self.silent, ENOUGH,
-            state.drift, state.way, state.jitter, self.contradiction, state.same, state.paced, self.halting,
-            state.lively,
+            state.opposed, state.turned, state.deaf, state.pushed, state.idle, self.against, self.silent,
+            ENOUGH, state.drift, state.way, state.jitter, self.contradiction, state.same, state.paced,
+            self.halting, state.lively,
         )  # fmt: skip
         if found < 0:
             return None

@@ -3,6 +3,7 @@
 import lapack
 import numpy as np
 import pytest
+import scipy.optimize
 
 import eladapt as ea
 from eladapt.estimation import kernels
@@ -174,3 +175,21 @@ def test_what_is_sure_is_its_formula(size, m, scatter, rng):
     np.testing.assert_allclose(kernels.surely(*given, -np.inf), expected, atol=1e-12 * np.abs(value).max())
     positive = np.where(value > 0, expected, 0.0)
     np.testing.assert_allclose(kernels.surely(*given, 0.0), positive, atol=1e-12 * np.abs(value).max())
+
+
+@pytest.mark.parametrize(("size", "m"), LARGER)
+@pytest.mark.parametrize("bounded", [1, 4])
+def test_bounds_are_kept_where_that_costs_the_data_least(size, m, bounded, rng):
+    """One bound: the exact minimum of d'T'T d. Four that are all passed: within them, and no worse than twice
+    scipy's minimum. A plain limit is worse."""
+    information = excited(size, m, rng)
+    upper, theta = information.triangle[:-1, :-1], rng.normal(size=size)
+    low, high = np.full(size, -np.inf), np.full(size, np.inf)
+    for k in range(bounded):
+        low[k], high[k] = theta[k] + 0.1, theta[k] + 0.2
+    found = kernels.kept_within(information.triangle, theta, low, high)
+    best = scipy.optimize.lsq_linear(upper, upper @ theta, (low, high)).x
+    cost = {name: np.sum((upper @ (x - theta)) ** 2) for name, x in (("found", found), ("best", best))}
+    assert np.all((found >= low) & (found <= high))
+    assert cost["found"] <= (1 + 1e-6 if bounded == 1 else 2) * cost["best"]
+    assert np.sum((upper @ (np.clip(theta, low, high) - theta)) ** 2) > cost["found"]
