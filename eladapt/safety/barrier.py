@@ -17,11 +17,15 @@ import numpy as np
 
 from eladapt.compiling import SCALAR, VECTOR, kernel
 from eladapt.errors import require_gain, require_number
+from eladapt.gains.extremes import configurations
 from eladapt.robot.model import Robot
 
 # [rad/s^2] With all its effort no motor turns its rotor faster than that: twenty times what geared joints do
 # (a UR5e's wrists 280, a Panda's 50 to 400).
 LIVELIEST = 8000.0
+# Nor is more added than so many times the inertia that a joint's torque moves, or an arm that has no rotors
+# chatters about its bound (an xArm7's last joint does at ten times).
+MOST, POSTURES = 6.0, 20
 SWEEPS = 4  # correcting one joint may accelerate another; more than two sweeps were never needed
 
 
@@ -53,12 +57,14 @@ def room(
 
 
 def rotored(robot: Robot, effort: np.ndarray) -> Robot:
-    """The robot with rotors that `LIVELIEST` leaves at least, effort (nv,) [N m].
+    """The robot with the rotors that it has at least; effort (nv,) [N m].
 
     Where a file leaves rotors out, torque that suits a link of 1e-4 kg m^2 alone overcomes no friction.
     """
+    postures = configurations(robot, POSTURES, 0)
+    moved = 1 / np.max([np.diag(np.linalg.inv(robot.mass_matrix(q))) for q in postures], axis=0)
     model = robot.model.copy()
-    model.armature = np.maximum(model.armature, effort / LIVELIEST)
+    model.armature = np.maximum(model.armature, np.minimum(effort / LIVELIEST, MOST * moved))
     return dataclasses.replace(robot, model=model)
 
 
