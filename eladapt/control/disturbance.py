@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import expm1
+from math import copysign, expm1
 
 import numpy as np
 
@@ -58,8 +58,8 @@ def followed(
     for i in range(len(d)):
         if not (e2[i] == v[i] and abs(v[i]) < slow and abs(e1[i]) < tolerance):
             after[i] -= expm1(-dt / memory[i]) * (residual[i] - d[i])
-            if abs(v[i]) < slow and abs(e1[i]) > HELD_FAR and d[i] * e1[i] < 0.0:
-                after[i] += HARDER * dt * d[i]
+            if abs(v[i]) < slow and abs(e1[i]) > HELD_FAR:
+                after[i] -= copysign(HARDER * dt * d[i], e1[i])
         beyond = beyond or abs(after[i]) > (limit[i] if abs(v[i]) < CREEPING else moving[i])
     return after, beyond
 

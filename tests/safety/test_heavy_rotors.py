@@ -37,12 +37,12 @@ def run(request):
 
 
 def test_it_arrives(run):
-    """Within 2 mrad 1.5 s after each motion, though next to nothing is known at first, and without fault:
+    """Within 2 mrad a second after each motion, though next to nothing is known at first, and without fault:
     torque that suits the last link alone overcomes 1 N m in two."""
     _, record, _, ends = run
     assert not record.faults
     for end, until in zip(ends, (EACH, 2 * EACH), strict=True):
-        seen = (record.t > end + 1.5) & (record.t < until)
+        seen = (record.t > end + 1.0) & (record.t < until)
         assert np.abs(record.error[seen]).max() < 2e-3
 
 
