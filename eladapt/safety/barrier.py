@@ -20,7 +20,7 @@ from eladapt.errors import require_gain, require_number
 from eladapt.gains.extremes import configurations
 from eladapt.robot.model import Robot
 
-# [rad/s^2] With all its effort no motor turns its rotor faster than that: twenty times what geared joints do
+# [rad/s^2] With all its effort no motor turns its joint faster than that: twenty times what geared joints do
 # (a UR5e's wrists 280, a Panda's 50 to 400).
 LIVELIEST = 8000.0
 # Nor is more added than so many times the inertia that a joint's torque moves, or an arm that has no rotors
@@ -64,7 +64,8 @@ def rotored(robot: Robot, effort: np.ndarray) -> Robot:
     postures = configurations(robot, POSTURES, 0)
     moved = 1 / np.max([np.diag(np.linalg.inv(robot.mass_matrix(q))) for q in postures], axis=0)
     model = robot.model.copy()
-    model.armature = np.maximum(model.armature, np.minimum(effort / LIVELIEST, MOST * moved))
+    lacking = np.clip(effort / LIVELIEST - moved, 0.0, MOST * moved)
+    model.armature = model.armature + lacking
     return dataclasses.replace(robot, model=model)
 
 
