@@ -183,11 +183,23 @@ def identities() -> Iterator[str]:
 
 
 def franka() -> Iterator[str]:
-    rows = [row for row in table("franka_client") if row["told"] == "nothing"]
-    for load, said in (("0", "minutes of {} go through without a load"), ("1.5", "of {} with 1.5 kg")):
-        through = [row["ended"] == "duration" for row in rows if row["load [kg]"] == load]
-        yield f"{sum(through)} {said.format(len(through))}"
-    yield f"at rest within {short(max((row['at rest [rad]'] for row in rows), key=float))} rad"
+    rows, numbers = table("franka_client"), {4: "four"}
+    went = {
+        (row["told"], row["load [kg]"]): [
+            other["ended"] == "duration"
+            for other in rows
+            if (other["told"], other["load [kg]"]) == (row["told"], row["load [kg]"])
+        ]
+        for row in rows
+    }
+    empty, loaded = went["nothing", "0"], went["nothing", "1.5"]
+    yield f"{sum(empty)} minutes of {len(empty)} go through without a load"
+    yield f"{sum(loaded)} of {len(loaded)} with 1.5 kg"
+    ended = [row for row in rows if row["told"] == "nothing" and row["ended"] == "duration"]
+    yield f"at rest within {short(max((row['at rest [rad]'] for row in ended), key=float))} rad"
+    told = [*went["delay and jitter", "0"], *went["delay and jitter", "1.5"]]
+    assert all(told)
+    yield f"all of {numbers[len(told)]} go through"
 
 
 def franka_controllers() -> Iterator[str]:

@@ -7,8 +7,9 @@ with a the mean over a few samples. Whatever else acts (a load, a person, fricti
 acts beside the torque, so what s and tau *change* by over some milliseconds agrees, z = x. Where z is opposed
 to x all the time, encoder or drive turn the wrong way; where z is nothing although tau has changed by more
 than friction bears, even for an arm with the largest rotor that is believed, one of them is dead or stuck, or
-something holds the joint. So it is where the arm moves for a while as if so large a torque did not act. A
-load or a push that comes at once spoils some samples and not a run of them.
+something holds the joint. So it is where the arm moves for a while as if so large a torque did not act, and
+did not before: a load that the URDF does not know takes torque all the time. A load or a push that comes at
+once spoils some samples and not a run of them.
 
 Does the position go where the velocity says? Over some milliseconds its integral is compared with the way.
 
@@ -44,6 +45,7 @@ CONTRADICTION = 0.2  # of the way, by which they may differ
 LIVELY_MEMORY, LIVELY = 0.15, 0.45  # [s]; share of samples at rest that turn back, of white noise two thirds
 SAME = 20  # samples in a row without any noise
 IDLE, UNFELT = 20, 0.15  # samples in a row that need less than this part of a torque
+FELT, LATELY = 0.2, 100  # part of a torque that was needed but for that, at most so many samples before
 HALTED = (3, 5)  # samples in a row after which a joint that moved has halted at once
 BRIDGED = 0.05  # [s] over which the mean of two velocities tells a way
 SPREAD = 8.0  # standard deviations of the position's white noise that a way may be off by beside
@@ -59,6 +61,7 @@ class BeliefState(NamedTuple):
     deaf: np.ndarray  # samples in a row that did not answer it
     pushed: np.ndarray  # [N m] by how much torque changed in them, from first to last
     idle: np.ndarray  # (nv,) samples in a row as if no torque acted, though much does
+    felt: np.ndarray  # samples since a torque was felt last
     drift: np.ndarray  # (nv,) [rad] of the position, beside the integral of the velocity
     way: np.ndarray  # [rad] the larger of both
     jitter: np.ndarray  # [rad^2] mean square of the position's white noise
@@ -210,7 +213,8 @@ class Belief:
         none, runs = np.zeros(self.robot.nv), np.zeros((len(SPANS), self.robot.nv))
         return BeliefState(
             rows=np.zeros((3, 2 * max(SPANS), self.robot.nv)), opposed=runs, turned=runs, deaf=runs,
-            pushed=runs, idle=none, drift=none, way=none, jitter=none, step=none, change=none, lively=none,
+            pushed=runs, idle=none, felt=none + LATELY, drift=none, way=none, jitter=none, step=none,
+            change=none, lively=none,
             same=none, paced=none,
         )  # fmt: skip
 
@@ -234,8 +238,12 @@ class Belief:
             rows, state.opposed, state.turned, state.deaf, state.pushed, self.least, SPANS, OPPOSED, DEAF
         )
         unfelt = (np.abs(torque) > self.silent) & (np.abs(needed) < UNFELT * np.abs(torque))
-        idle = np.where(unfelt, state.idle + 1.0, 0.0)
-        state = state._replace(rows=rows, opposed=opposed, turned=turned, deaf=deaf, pushed=pushed, idle=idle)
+        felt = (np.abs(torque) > 0.5 * self.silent) & (np.abs(needed - torque) < FELT * np.abs(torque))
+        since = np.where(felt, 0.0, state.felt + 1.0)
+        idle = np.where(unfelt & ((state.idle > 0) | (since < LATELY)), state.idle + 1.0, 0.0)
+        state = state._replace(
+            rows=rows, opposed=opposed, turned=turned, deaf=deaf, pushed=pushed, idle=idle, felt=since
+        )
         return self._sensed(state, moved, before, v, elapsed)
 
     def after_gap(
