@@ -18,7 +18,6 @@ KNOWN = {
     "motor 1 dead, moving": "named after 118 ms: it coasts, and its torque grows slowly",
     "motor 4 stuck at its torque, moving": "named after 62 ms",
     "motor 7 dead, moving": "named after 99 ms: it needs no torque to move on",
-    "10 kg comes, at rest": "not named: with bounds of friction theta does not run off, nor torque",
     "goal beyond joint 2's limit": "the gate sees the one that Shaped takes in its place, with a warning",
 }
 FALSE_ALARMS = 10  # of 20 stretches
