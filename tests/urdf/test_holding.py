@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_checks import ARM, written
+from small_arm import ARM, written
 
 import eladapt as ea
 from eladapt.errors import UnknownNameError, UrdfError

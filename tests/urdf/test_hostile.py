@@ -19,7 +19,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from test_checks import ARM, BODIES, CHAIN, ELBOW, MUTATIONS, NOT_ROBOTS
+from small_arm import ARM, ELBOW
+from test_bodies import BODIES
+from test_checks import CHAIN, MUTATIONS, NOT_ROBOTS
 
 import eladapt as ea
 from eladapt.errors import MeshWarning

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 
 import pytest
-from test_checks import ARM, FORE_INERTIA, ZERO, written
+from small_arm import ARM, FORE_INERTIA, ZERO, written
 
 from eladapt.errors import UnitsWarning
 from eladapt.robot import library

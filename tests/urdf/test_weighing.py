@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_checks import FORE_INERTIAL, TOOL, written
+from small_arm import FORE_INERTIAL, TOOL, written
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, UrdfError
