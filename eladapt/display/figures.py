@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import matplotlib as mpl
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from eladapt.errors import ArgumentError, UnknownNameError
@@ -16,6 +17,7 @@ from eladapt.files import atomic_write
 HANDLE = 5.0  # [em] of a legend's entry, beside its letters
 SUFFIXES = (".png", ".pdf", ".svg")
 StyleName = Literal["screen", "paper"]
+Place = Literal["outside upper left", "outside lower left", "outside lower center"]  # of a legend
 Entry = TypeVar("Entry")
 
 
@@ -99,12 +101,29 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def across(entries: Sequence[Entry], columns: int) -> list[Entry]:
-    """A legend's entries so that they are read line by line; matplotlib fills one column after the other."""
+def add_legend(
+    figure: Picture,
+    handles: Sequence[Artist],
+    entries: Sequence[str],
+    loc: Place,
+    size: float,
+    **options: Any,
+) -> None:
+    """A legend outside the panels, in letters of ``size``, whose entries are read line by line; options:
+    matplotlib's."""
+    columns = _columns(figure, entries, size)
+    figure.legend(
+        _across(handles, columns), _across([plain(entry) for entry in entries], columns), loc=loc,
+        ncols=columns, fontsize=size, **options,
+    )  # fmt: skip
+
+
+def _across(entries: Sequence[Entry], columns: int) -> list[Entry]:
+    """As matplotlib wants them, which fills one column after the other."""
     return [entry for column in range(columns) for entry in entries[column::columns]]
 
 
-def legend_columns(figure: Picture, entries: Sequence[str], size: float) -> int:
-    """How many legend entries fit side by side, each with its line and the space around it."""
+def _columns(figure: Picture, entries: Sequence[str], size: float) -> int:
+    """How many entries fit side by side, each with its line and the space around it."""
     width = (HANDLE + figure.style.letter * max(map(len, entries))) * size / 72
     return max(1, min(len(entries), int(figure.get_figwidth() / width)))

@@ -13,8 +13,7 @@ from eladapt.display.curves import look
 from eladapt.display.figures import (
     Picture,
     StyleName,
-    across,
-    legend_columns,
+    add_legend,
     plain,
     require_suffix,
     style_of,
@@ -78,17 +77,14 @@ def _stacked(
         rows = figure.subplots(len(panels), 1, sharex=True)
         for axes, (heading, unit, values) in zip(rows, panels, strict=True):
             for k, name in enumerate(names):
-                axes.plot(t, values[:, k], label=plain(name), **look(k))
+                axes.plot(t, values[:, k], label=name, **look(k))
             axes.set_title(f"{heading} [{unit}]")
             if looks.marked:
                 add_markers(axes)
         axes.set_xlabel("time [s]")
         if not looks.marked:  # a paper has a caption
             figure.suptitle(plain(title))
-        handles, labels = axes.get_legend_handles_labels()
-        columns = legend_columns(figure, labels, looks.note)
-        handles, labels = across(handles, columns), across(labels, columns)
-        figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=looks.note)
+        add_legend(figure, axes.get_lines(), names, "outside lower center", looks.note)
     if path is not None:
         figure.save(path)
     return figure

@@ -17,8 +17,7 @@ from eladapt.display.figures import (
     Picture,
     Style,
     StyleName,
-    across,
-    legend_columns,
+    add_legend,
     plain,
     require_suffix,
     style_of,
@@ -171,14 +170,10 @@ def _legends(figure: Picture, records: Sequence[Record], heading: str, full: boo
     joints = max((record.joint_names for record in records), key=len)
     if any(record.joint_names != joints for record in records):
         joints = tuple(f"joint {number}" for number in range(1, len(joints) + 1))
-    handles = [
-        Line2D([], [], label=plain(name), marker=_marker(style, index), **look(index))
-        for index, name in enumerate(joints)
-    ]  # fmt: skip
-    columns = legend_columns(figure, joints, style.note)
-    figure.legend(
-        handles=across(handles, columns), loc="outside upper left", ncols=columns, fontsize=style.note,
-        alignment="left", title=plain(heading), title_fontproperties={"weight": "bold", "size": 11},
+    handles = [Line2D([], [], marker=_marker(style, k), **look(k)) for k in range(len(joints))]
+    add_legend(
+        figure, handles, joints, "outside upper left", style.note, alignment="left", title=plain(heading),
+        title_fontproperties={"weight": "bold", "size": 11},
     )  # fmt: skip
     names = max((record.theta_labels for record in records), key=len)
     if not numbered or not names or any(record.theta_labels not in (names, ()) for record in records):
@@ -186,14 +181,10 @@ def _legends(figure: Picture, records: Sequence[Record], heading: str, full: boo
     links = links_of(next(record for record in records if record.theta_labels == names))
     said = [name if full else short_label(name, links) for name in names]
     entries = [f"{number}: {_short(name)}" for number, name in enumerate(said, 1)]
-    handles = [
-        Line2D([], [], color=look(index)["color"], label=plain(entry), marker=_marker(style, index))
-        for index, entry in enumerate(entries)
-    ]
-    columns = legend_columns(figure, entries, style.names)
-    figure.legend(
-        handles=across(handles, columns), loc="outside lower left", ncols=columns, fontsize=style.names,
-        alignment="left", title="estimates", title_fontsize=style.note,
+    handles = [Line2D([], [], color=look(k)["color"], marker=_marker(style, k)) for k in range(len(entries))]
+    add_legend(
+        figure, handles, entries, "outside lower left", style.names, alignment="left", title="estimates",
+        title_fontsize=style.note,
     )  # fmt: skip
 
 

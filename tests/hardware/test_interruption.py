@@ -8,9 +8,10 @@ import threading
 import time
 import types
 
+import looped
 import numpy as np
 import pytest
-from shared import load
+from looped import DT, Simulated
 
 import eladapt as ea
 from eladapt.errors import ArgumentError, LoopError, LoopTerminated
@@ -18,7 +19,6 @@ from eladapt.hardware import interruption as module
 from eladapt.hardware.interruption import ASKING, Interruption
 from eladapt.hardware.loop import _driven
 
-DT = 5e-3
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 
 
@@ -30,46 +30,30 @@ def interruptible():
     signal.signal(INT, before)
 
 
-class Signalled:
+class Signalled(Simulated):
     """A robot during whose calls signals come: ``at`` maps a method, and which call of it, to signals."""
 
-    def __init__(self, plant, at, fails=False):
-        self.plant, self.at, self.fails = plant, at, fails
-        self.counts, self.stopped = dict.fromkeys(("start", "read", "write", "stop"), 0), False
+    def __init__(self, plant, at, fails=""):
+        super().__init__(plant, fails)
+        self.signals, self.stopped = at, False
 
-    def _came(self, name):
-        self.counts[name] += 1
-        for number in self.at.get((name, self.counts[name]), ()):
+    @property
+    def counts(self):
+        return {name: self.calls.count(name) for name in ("start", "read", "write", "stop")}
+
+    def _note(self, name):
+        super()._note(name)
+        for number in self.signals.get((name, self.calls.count(name)), ()):
             signal.raise_signal(number)
 
-    def start(self):
-        self.measurement = self.plant.reset()
-        self._came("start")
-
-    def read(self):
-        self._came("read")
-        return self.measurement
-
-    def write(self, tau):
-        self.measurement = self.plant.step(tau, DT)
-        self._came("write")
-
     def stop(self):
-        self._came("stop")
-        if self.fails:
-            raise OSError("the brakes do not answer")
-        self.plant.brake()
-        while np.abs(self.plant.v).max() > 1e-9:
-            self.measurement = self.plant.step(self.measurement.tau, DT)
+        super().stop()
         self.stopped = True
 
 
-def made(at, **options):
-    robot = load("two_link")
-    controller = ea.GatedController.for_robot(ea.CompositeController.for_robot(robot, DT), DT)
-    plant = ea.PinocchioPlant(robot, robot.configuration(robot.home))
-    interface = Signalled(plant, at, **options)
-    goal = robot.configuration(robot.target)
+def made(at, fails=""):
+    _, controller, plant, goal = looped.made()
+    interface = Signalled(plant, at, fails)
     return interface, lambda **options: ea.run_loop(controller, interface, goal, 1.0, DT, **options)
 
 
@@ -149,8 +133,8 @@ def test_the_first_signal_ends_a_start_that_takes_its_time(number, error):
 
 
 def test_a_robot_that_does_not_stop_is_louder_than_the_signal():
-    interface, run = made({("write", 20): (TERM,)}, fails=True)
-    with pytest.raises(LoopError, match="after 20 of 200 steps and SIGTERM: OSError: the brakes") as caught:
+    interface, run = made({("write", 20): (TERM,)}, fails="stop")
+    with pytest.raises(LoopError, match="after 20 of 200 steps and SIGTERM: OSError: stop failed") as caught:
         run()
     assert len(caught.value.record) == 20
     assert interface.counts["stop"] == 1
