@@ -23,6 +23,7 @@ from eladapt.estimation.adaptation import CompositeLaw
 from eladapt.estimation.change import ChangeDetector, Snapshot
 from eladapt.estimation.contact import ContactDetector, ContactState
 from eladapt.estimation.extensions import SubspaceLeastSquares
+from eladapt.estimation.mistimed import MistimedSteps, stale
 from eladapt.estimation.mixing import Mixing, Unmixed, spectrum
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.gains.derived import Gains, derive_gains
@@ -51,10 +52,10 @@ class CompositeController:
     applied, so clipping corrupts nothing, and the direct term rests in the joints whose torque is clipped.
     detector: notices a load that comes or goes; filters and information then start afresh, and the estimate
     goes on from where it was. disturbance: feeds forward what the model does not explain. touch: tells a
-    contact from a load, and lets learning rest while it lasts. gains: which rule set each gain, where
-    `for_robot` did. rest_speed [rad/s]: a joint that is slower feeds no direct term, which would integrate
-    noise and stiction as long as the arm rests; what pushes it is the disturbance's. nominal_dt [s]: the
-    step that the gains were made for, None if any will do.
+    contact from a load, and lets learning rest while it lasts. timing: leaves out steps whose time stamps are
+    wrong. gains: which rule set each gain, where `for_robot` did. rest_speed [rad/s]: a joint that is slower
+    feeds no direct term, which would integrate noise and stiction as long as the arm rests; what pushes it is
+    the disturbance's. nominal_dt [s]: the step that the gains were made for, None if any will do.
     """
 
     regressors: Regressors
@@ -68,6 +69,7 @@ class CompositeController:
     detector: ChangeDetector | None = None
     disturbance: DisturbanceEstimate | None = None
     touch: ContactDetector | None = None
+    timing: MistimedSteps | None = None
     gains: Gains | None = None
     rest_speed: float = 0.0
     nominal_dt: float | None = None
@@ -146,6 +148,7 @@ class CompositeController:
                 gains.still_speed,
             ),
             touch=ContactDetector(regressors, effort(robot, extremes(robot))),
+            timing=MistimedSteps(gains.pole),
             gains=gains,
             rest_speed=gains.stiction_speed,
             nominal_dt=dt,
@@ -184,6 +187,7 @@ class CompositeController:
             information=information,
             disturbance=self.disturbance.init(self.robot.nv) if self.disturbance else None,
             noise=np.zeros(len(filters.y)),
+            steps=self.timing.init(self.robot.nv) if self.timing else None,
             inertia=np.zeros(self.robot.nv) if self.joints else None,
         )
         if self.detector:
@@ -254,17 +258,24 @@ class CompositeController:
         return self.mixing.mix(state.information, self.regressors.n_potential)
 
     def _advance(self, state: ControllerState, sample: Sample, dt: float) -> ControllerState:
-        measurement = sample.measurement
-        dt, gap = elapsed(state.measurement.t, measurement.t, dt)
-        if gap:
+        measurement, before = sample.measurement, state.measurement
+        dt, gap = elapsed(before.t, measurement.t, dt)
+        again = self.timing and stale(before.q, before.v, measurement.q, measurement.v)
+        if gap or again:
             return self._begun_again(state, sample, dt)
         motion = self._motion(state, sample, dt)
         contact = self._contact(state, sample, motion, dt)
         disturbance = self._disturbance(state, sample, motion, dt)
         if contact and contact.acting:
             return self._untaught(state, measurement)._replace(contact=contact, disturbance=disturbance)
-        theta = self._descend(state, sample, dt)
         filters, regression = self.regression.step(state.filters, measurement, dt)
+        steps = state.steps
+        if self.timing and steps:
+            steps = self.timing.step(steps, state.regression, regression, state.parameters, dt)
+        if steps and steps.apart:
+            begun = self._begun_again(state, sample, dt)
+            return begun._replace(contact=contact, disturbance=disturbance, steps=steps)
+        theta = self._descend(state, sample, dt)
         information = self.extension.step(state.information, regression, dt)
         change, inertia = state.change, state.inertia
         if self.detector and change:
@@ -279,11 +290,12 @@ class CompositeController:
         noise = self.joints.noise(state.noise, regression, theta, dt) if self.joints else state.noise
         return ControllerState(
             measurement, self.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
-            information, change, disturbance, noise, contact, inertia,
+            information, change, disturbance, noise, contact, steps, inertia,
         )  # fmt: skip
 
     def _begun_again(self, state: ControllerState, sample: Sample, dt: float) -> ControllerState:
-        """After a gap, in which nobody knows what torque acted."""
+        """After a gap, in which nobody knows what torque acted, or a step of which nobody knows how long it
+        took."""
         begun = self._untaught(state, sample.measurement)
         if state.contact and state.contact.acting:
             return begun
