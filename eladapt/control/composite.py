@@ -31,10 +31,11 @@ from eladapt.gains.extremes import effort, extremes
 from eladapt.gains.sensing import Hardware
 from eladapt.regressors.joint_terms import JOINT_TERMS
 from eladapt.regressors.regressors import Regressors
-from eladapt.robot.joint_limits import require_limit
+from eladapt.robot.joint_limits import require_limit, speed
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement, MixedRegression, Reference, Regression
 
+SLOW = 0.02  # of its speed limit: what a joint that breaks loose has not reached
 ARRIVED, STILL = 0.01, 0.02  # [rad, rad/s] within which an arm rests at its goal
 
 
@@ -124,6 +125,7 @@ class CompositeController:
         regressors = Regressors(robot, joint_terms=joint_terms)
         hardware = Hardware(position_noise, velocity_noise, delay, velocity_lag, jitter)
         gains = derive_gains(regressors, dt, given, hardware)
+        slow = SLOW * speed(robot.velocity_limit) if regressors.coulomb else None
         return cls(
             regressors=regressors,
             regression=ForceBalance(
@@ -139,7 +141,7 @@ class CompositeController:
             control=FiniteTimePD(gains.P, gains.D, gains.D_L, horizon=gains.horizon),
             joints=LearnedJoints(regressors, gains.rotors, gains.horizon, gains.alpha, gains.pole),
             effort_limit=robot.effort_limit,
-            detector=ChangeDetector(),
+            detector=ChangeDetector(slow=slow, pole=gains.pole),
             disturbance=DisturbanceEstimate(
                 gains.disturbance_limit,
                 gains.moving_limit,
@@ -191,7 +193,7 @@ class CompositeController:
             inertia=np.zeros(self.robot.nv) if self.joints else None,
         )
         if self.detector:
-            state = state._replace(change=self.detector.init(_snapshot(state)))
+            state = state._replace(change=self.detector.init(_snapshot(state), self.robot.nv))
         return state._replace(contact=self.touch.init()) if self.touch else state
 
     def step(
@@ -279,7 +281,10 @@ class CompositeController:
         information = self.extension.step(state.information, regression, dt)
         change, inertia = state.change, state.inertia
         if self.detector and change:
-            change = self.detector.step(change, _snapshot(state), information, regression, measurement.t, dt)
+            change = self.detector.step(
+                change, _snapshot(state), information, regression, measurement.v,
+                self._known_friction(regression, state.parameters), measurement.t, dt,
+            )  # fmt: skip
             if change.noticed > state.change.noticed:  # type: ignore[union-attr]
                 filters = self.regression.init(measurement)
                 regression = Regression(filters.y, filters.omega)
@@ -347,6 +352,13 @@ class CompositeController:
             return np.zeros(len(rows))
         return self.joints.surely(rows, state.parameters, state.information, state.noise)
 
+    def _known_friction(self, regression: Regression, theta: np.ndarray) -> np.ndarray:
+        """(m,) the Coulomb friction of joint i in row i, where each joint has a row and a coefficient."""
+        block = self._coulomb
+        if len(regression.y) != block.stop - block.start:
+            return np.zeros(len(regression.y))
+        return np.abs(regression.omega[:, block].diagonal() * theta[block])
+
     def _joint_inertia(self, joints: LearnedJoints, state: ControllerState) -> np.ndarray:
         """(nv,) [kg m^2] what is known of the joints now, or was before the last change."""
         before = np.zeros(self.robot.nv) if state.inertia is None else state.inertia
@@ -366,6 +378,10 @@ class CompositeController:
     @functools.cached_property
     def _friction(self) -> slice:
         return self.regressors.friction
+
+    @functools.cached_property
+    def _coulomb(self) -> slice:
+        return self.regressors.block("coulomb")
 
     @functools.cached_property
     def _first_offset(self) -> int:

@@ -7,12 +7,14 @@ no alarm. It jumps when the parameters do.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.errors import require_number
+from eladapt.compiling import SCALAR, VECTOR, kernel
+from eladapt.errors import require_gain, require_number
 from eladapt.estimation.extensions import Information
 from eladapt.signals import Regression
 
@@ -36,10 +38,20 @@ class Change(NamedTuple):
     before: Snapshot  # what was known before the last one
     recent: Snapshot  # at most `margin` old
     trusted: Snapshot  # `margin` to twice that old: before a change that is being noticed
+    slow: np.ndarray  # (nv,) in how much of what the filters remember each joint was slow
 
     def __repr__(self) -> str:
         last = f", the last at t = {self.t:.6g} s" if self.noticed else ""
         return f"Change({self.noticed} noticed{last})"
+
+
+@kernel(VECTOR, VECTOR, VECTOR, SCALAR)
+def slow_share(before: np.ndarray, v: np.ndarray, limit: np.ndarray, share: float) -> np.ndarray:
+    """(nv,) ``share`` of the way from ``before`` to 1 where a joint is slower than its limit, else to 0."""
+    after = np.empty(len(v))
+    for i in range(len(v)):
+        after[i] = before[i] + share * ((1.0 if abs(v[i]) < limit[i] else 0.0) - before[i])
+    return after
 
 
 @dataclass(frozen=True)
@@ -52,6 +64,11 @@ class ChangeDetector:
     that comes slowly takes 10 ms) may have been learned of the changed arm, and is not used as what was
     known before.
 
+    slow (nv,) [rad/s]: a joint that breaks loose or turns back is slower, and friction does not jump with
+    its sign then. What that may make of a row is no sign of a load: the Coulomb friction that is known, and
+    at least ``friction``, in units of weighted rows. None where none is learned. pole [1/s]: of the
+    regression.
+
     In seconds of rest velocity noise makes the inertia look smaller than it is (errors in Omega, not in y),
     and a hard start can then be taken for a change: panda, 1e-3 rad/s, after 3 s. Its payload estimate has
     a misfit of 1.
@@ -62,14 +79,19 @@ class ChangeDetector:
     memory: float = 1.0
     pause: float = 0.2
     margin: float = 0.05
+    slow: np.ndarray | None = None
+    friction: float = 0.03
+    pole: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in ("least", "factor", "memory", "pause", "margin"):
+        for name in ("least", "factor", "memory", "pause", "margin", "friction", "pole"):
             object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
+        if self.slow is not None:
+            object.__setattr__(self, "slow", require_gain("slow", self.slow, len(self.slow), zero=True))
 
-    def init(self, now: Snapshot) -> Change:
-        """Nothing noticed yet."""
-        return Change(0, -np.inf, 0.0, now, now, now)
+    def init(self, now: Snapshot, nv: int) -> Change:
+        """Nothing noticed yet, and an arm of nv joints that rests."""
+        return Change(0, -np.inf, 0.0, now, now, now, np.ones(nv))
 
     def step(
         self,
@@ -77,29 +99,42 @@ class ChangeDetector:
         before: Snapshot,
         after: Information,
         regression: Regression,
+        v: np.ndarray,
+        friction: np.ndarray,
         t: float,
         dt: float,
     ) -> Change:
         """``noticed`` is one more when the rows that led to ``after`` at time t [s] show a change.
 
-        before: what was known a step of dt [s] earlier.
+        before: what was known a step of dt [s] earlier. v (nv,): the joints' velocities. friction (m,): in
+        each row, the Coulomb friction that is known, of joint i in row i.
         """
+        if self.slow is not None:
+            share = -math.expm1(-self.pole * dt)
+            change = change._replace(slow=slow_share(change.slow, v, self.slow, share))
         square = after.innovation**2
         if square > self.least**2:
-            square = surprise(before.information, regression, before.parameters)
+            doubt = change.slow * np.maximum(self.friction, friction) if self.slow is not None else 0.0
+            square = surprise(before.information, regression, before.parameters, doubt)
         limit = max(self.least**2, self.factor**2 * change.level)
         since = change.t if change.noticed else change.before.t
         if square > limit and t - since > self.pause:
             now = before._replace(t=t)
-            return Change(change.noticed + 1, t, change.level, change.trusted, now, now)
+            return Change(change.noticed + 1, t, change.level, change.trusted, now, now, change.slow)
         level = change.level + min(1.0, dt / self.memory) * (min(square, limit) - change.level)
         if t - change.recent.t >= self.margin:
             return change._replace(level=level, recent=before, trusted=change.recent)
         return change._replace(level=level)
 
 
-def surprise(information: Information, regression: Regression, parameters: np.ndarray) -> float:
-    """Square of what the rows contradict the least-squares estimate by, where that is known.
+def surprise(
+    information: Information,
+    regression: Regression,
+    parameters: np.ndarray,
+    doubt: np.ndarray | float = 0.0,
+) -> float:
+    """Square of what the rows contradict the least-squares estimate by, beyond their ``doubt`` (m,), where
+    that is known.
 
     The prior in the triangle is no knowledge: a row counts when the data tell `TOLD` of its direction.
     """
@@ -108,4 +143,5 @@ def surprise(information: Information, regression: Regression, parameters: np.nd
     if not np.any(told > TOLD):
         return 0.0
     known = information.completed(parameters)
-    return float(np.sum(np.where(told > TOLD, y - omega @ known, 0.0) ** 2))
+    beyond = np.maximum(np.abs(y - omega @ known) - doubt, 0.0)
+    return float(np.sum(np.where(told > TOLD, beyond, 0.0) ** 2))
