@@ -28,6 +28,7 @@ from table import write
 from tqdm import tqdm
 
 import eladapt as ea
+from eladapt.control.learning import contact_after, disturbance_after, joint_inertia, motion_of
 from eladapt.control.stepping import Sample
 from eladapt.robot import library
 
@@ -105,12 +106,12 @@ def blocks(controller: ea.CompositeController, now: Situation) -> dict[str, Call
         "law": lambda: controller.mixing.follow(
             law, information, law.descend(theta, regressor, e1, e2, DT), j, DT
         ),
-        "motion": lambda: controller._motion(state, sample, DT),
-        "contact": lambda: controller._contact(state, sample, motion, DT),
-        "disturbance": lambda: controller._disturbance(state, sample, motion, DT),
+        "motion": lambda: motion_of(controller, state, sample, DT),
+        "contact": lambda: contact_after(controller, state, sample, motion, DT),
+        "disturbance": lambda: disturbance_after(controller, state, sample, motion, DT),
         "inertia": lambda: (
             robot.mass_matrix(q, check=False),
-            controller.joints and controller._joint_inertia(controller.joints, state),
+            joint_inertia(controller, state),
         ),
         "control law": lambda: controller.control.torque(e1, e2, mass, DT),
         "whole step": lambda: controller.step(state, measurement, goal, DT),

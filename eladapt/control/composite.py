@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -11,19 +10,20 @@ import numpy as np
 import pinocchio as pin
 
 from eladapt.control.blocks import ControlBlock, ExtensionBlock, RegressionBlock
-from eladapt.control.disturbance import DisturbanceEstimate, unexplained
+from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.learned_joints import LearnedJoints
+from eladapt.control.learning import advanced, joint_inertia, snapshot
 from eladapt.control.reports import carried
 from eladapt.control.starting import friction_bounds, starting_parameters
 from eladapt.control.state import ControllerState
-from eladapt.control.stepping import Sample, checked_step, clipped, elapsed, free, resting
+from eladapt.control.stepping import Sample, checked_step, clipped
 from eladapt.errors import ArgumentError, require_gain, require_vector
 from eladapt.estimation.adaptation import CompositeLaw
-from eladapt.estimation.change import ChangeDetector, Snapshot
-from eladapt.estimation.contact import ContactDetector, ContactState
+from eladapt.estimation.change import ChangeDetector
+from eladapt.estimation.contact import ContactDetector
 from eladapt.estimation.extensions import SubspaceLeastSquares
-from eladapt.estimation.mistimed import MistimedSteps, stale
+from eladapt.estimation.mistimed import MistimedSteps
 from eladapt.estimation.mixing import Mixing, Unmixed, spectrum
 from eladapt.estimation.regressions import ForceBalance
 from eladapt.gains.derived import Gains, derive_gains
@@ -36,7 +36,6 @@ from eladapt.robot.model import Robot
 from eladapt.signals import Measurement, MixedRegression, Reference, Regression
 
 SLOW = 0.02  # of its speed limit: what a joint that breaks loose has not reached
-ARRIVED, STILL = 0.01, 0.02  # [rad, rad/s] within which an arm rests at its goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +192,7 @@ class CompositeController:
             inertia=np.zeros(self.robot.nv) if self.joints else None,
         )
         if self.detector:
-            state = state._replace(change=self.detector.init(_snapshot(state), self.robot.nv))
+            state = state._replace(change=self.detector.init(snapshot(state), self.robot.nv))
         return state._replace(contact=self.touch.init()) if self.touch else state
 
     def step(
@@ -205,7 +204,8 @@ class CompositeController:
         the time stamps say is what counts: a measurement with the stamp of the last one (as the first after
         `init`) is the same sample, and nothing is advanced; one that is late or early by up to half of dt
         advances everything by the true time; with a larger gap the torque in between is not known, so the
-        filters start afresh, which makes them exact from their next step, and the information stays.
+        filters start afresh, which makes them exact from their next step, and the information stays. So they
+        do where ``timing`` finds that a stamp is wrong.
 
         Raises ArgumentError for wrong shapes, numbers that are not finite or no arm's, time running back,
         and a dt that is not positive or above ten times ``nominal_dt``; the state given stays valid.
@@ -220,10 +220,10 @@ class CompositeController:
         mass_matrix = robot.mass_matrix(q, check=False)
         if self.joints:
             diagonal = mass_matrix.ravel(order="K")[:: robot.nv + 1]  # a view, whatever the order in memory
-            diagonal += self._joint_inertia(self.joints, state)
+            diagonal += joint_inertia(self, state)
         if measurement.t != state.measurement.t:
             moving = mass_matrix if reference.v.any() or reference.a.any() else None
-            state = self._advance(state, Sample(measurement, regressor, e1, e2, moving), dt)
+            state = advanced(self, state, Sample(measurement, regressor, e1, e2, moving), dt)
         feedback = self.control.torque(e1, e2, mass_matrix, dt)
         wanted = feedback + regressor @ state.parameters
         if state.disturbance is not None:
@@ -258,135 +258,3 @@ class CompositeController:
     def mixed(self, state: ControllerState) -> MixedRegression:
         """(Y, gain) that theta followed at ``state``: for records and theory, made when asked for."""
         return self.mixing.mix(state.information, self.regressors.n_potential)
-
-    def _advance(self, state: ControllerState, sample: Sample, dt: float) -> ControllerState:
-        measurement, before = sample.measurement, state.measurement
-        dt, gap = elapsed(before.t, measurement.t, dt)
-        again = self.timing and stale(before.q, before.v, measurement.q, measurement.v)
-        if gap or again:
-            return self._begun_again(state, sample, dt)
-        motion = self._motion(state, sample, dt)
-        contact = self._contact(state, sample, motion, dt)
-        disturbance = self._disturbance(state, sample, motion, dt)
-        if contact and contact.acting:
-            return self._untaught(state, measurement)._replace(contact=contact, disturbance=disturbance)
-        filters, regression = self.regression.step(state.filters, measurement, dt)
-        steps = state.steps
-        if self.timing and steps:
-            steps = self.timing.step(steps, state.regression, regression, state.parameters, dt)
-        if steps and steps.apart:
-            begun = self._begun_again(state, sample, dt)
-            return begun._replace(contact=contact, disturbance=disturbance, steps=steps)
-        theta = self._descend(state, sample, dt)
-        information = self.extension.step(state.information, regression, dt)
-        change, inertia = state.change, state.inertia
-        if self.detector and change:
-            change = self.detector.step(
-                change, _snapshot(state), information, regression, measurement.v,
-                self._known_friction(regression, state.parameters), measurement.t, dt,
-            )  # fmt: skip
-            if change.noticed > state.change.noticed:  # type: ignore[union-attr]
-                filters = self.regression.init(measurement)
-                regression = Regression(filters.y, filters.omega)
-                information = self.extension.init(len(self.regressors))
-                if self.joints:  # whatever changed, it was not the joints
-                    inertia = self._joint_inertia(self.joints, state)
-        theta = self.mixing.follow(self.law, information, theta, state.n_potential, dt)
-        noise = self.joints.noise(state.noise, regression, theta, dt) if self.joints else state.noise
-        return ControllerState(
-            measurement, self.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
-            information, change, disturbance, noise, contact, steps, inertia,
-        )  # fmt: skip
-
-    def _begun_again(self, state: ControllerState, sample: Sample, dt: float) -> ControllerState:
-        """After a gap, in which nobody knows what torque acted, or a step of which nobody knows how long it
-        took."""
-        begun = self._untaught(state, sample.measurement)
-        if state.contact and state.contact.acting:
-            return begun
-        theta = self._descend(state, sample, dt)
-        return begun._replace(parameters=self.law.bounded(theta, state.n_potential))
-
-    def _untaught(self, state: ControllerState, measurement: Measurement) -> ControllerState:
-        """What was known, and filters that start afresh at a measurement."""
-        filters = self.regression.init(measurement)
-        regression = Regression(filters.y, filters.omega)
-        return state._replace(measurement=measurement, filters=filters, regression=regression)
-
-    def _motion(self, state: ControllerState, sample: Sample, dt: float) -> np.ndarray | None:
-        """W(q, v, a) (nv, l) of the step, None where nobody asks for it."""
-        if not (self.touch or self.disturbance):
-            return None
-        _, q, v, _ = sample.measurement
-        return self.regressors.torque(q, v, (v - state.measurement.v) / dt, check=False)
-
-    def _contact(
-        self, state: ControllerState, sample: Sample, motion: np.ndarray | None, dt: float
-    ) -> ContactState | None:
-        """What acts from outside, after the step."""
-        if self.touch is None or state.contact is None or motion is None:
-            return state.contact
-        _, q, v, tau = sample.measurement
-        arrived, still = resting(sample.e1, sample.e2, v, ARRIVED, STILL)
-        outside = motion @ state.parameters - tau
-        return self.touch.step(state.contact, outside, q, state.parameters, arrived, still, dt)
-
-    def _disturbance(
-        self, state: ControllerState, sample: Sample, motion: np.ndarray | None, dt: float
-    ) -> np.ndarray | None:
-        """d (nv,) [N m] after the step."""
-        if self.disturbance is None or state.disturbance is None or motion is None:
-            return state.disturbance
-        (_, _, v, tau), regressor, e1, e2, _ = sample
-        residual, rows = unexplained(
-            tau, motion, regressor, state.parameters, e1, e2, v, self.rest_speed, self._friction.start,
-            self._first_offset, self._friction.stop,
-        )  # fmt: skip
-        friction = functools.partial(self._friction_beside, state, rows)
-        return self.disturbance.step(state.disturbance, residual, friction, e1, e2, v, dt)
-
-    def _friction_beside(self, state: ControllerState, rows: np.ndarray) -> np.ndarray:
-        """(nv,) [N m] how much more friction there is than is fed forward, as far as it is known; rows (nv,
-        l): of `unexplained`."""
-        if not self.joints:
-            return np.zeros(len(rows))
-        return self.joints.surely(rows, state.parameters, state.information, state.noise)
-
-    def _known_friction(self, regression: Regression, theta: np.ndarray) -> np.ndarray:
-        """(m,) the Coulomb friction of joint i in row i, where each joint has a row and a coefficient."""
-        block = self._coulomb
-        if len(regression.y) != block.stop - block.start:
-            return np.zeros(len(regression.y))
-        return np.abs(regression.omega[:, block].diagonal() * theta[block])
-
-    def _joint_inertia(self, joints: LearnedJoints, state: ControllerState) -> np.ndarray:
-        """(nv,) [kg m^2] what is known of the joints now, or was before the last change."""
-        before = np.zeros(self.robot.nv) if state.inertia is None else state.inertia
-        return joints.inertia(state.parameters, state.information, state.noise, before)
-
-    def _descend(self, state: ControllerState, sample: Sample, dt: float) -> np.ndarray:
-        """theta (l,) after the direct term, in the joints that move and whose torque is not clipped, and for
-        all of theta but friction.
-
-        A joint that moves one way cannot tell its offset from its Coulomb friction: the indirect term keeps
-        their sum, and the direct one would drive them apart without end.
-        """
-        (_, _, v, tau), regressor, e1, e2, moving = sample
-        joints = free(tau, v, self.effort_limit, self.rest_speed)
-        return self.law.descend(state.parameters, regressor, e1, e2, dt, joints, self._friction, moving)
-
-    @functools.cached_property
-    def _friction(self) -> slice:
-        return self.regressors.friction
-
-    @functools.cached_property
-    def _coulomb(self) -> slice:
-        return self.regressors.block("coulomb")
-
-    @functools.cached_property
-    def _first_offset(self) -> int:
-        return self.regressors.block("offset").start
-
-
-def _snapshot(state: ControllerState) -> Snapshot:
-    return Snapshot(state.measurement.t, state.parameters, state.information)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
@@ -142,11 +143,17 @@ class Regressors:
         """
         if name not in terms.FRICTION_TERMS:
             raise UnknownNameError("block", [name], terms.FRICTION_TERMS)
-        nv = self.robot.nv
-        start = self.n_inertial + nv * sum(other in self.joint_terms for other in _before(name))
-        return slice(start, start + nv * (name in self.joint_terms))
+        return self._blocks[name]
 
-    @property
+    @functools.cached_property
+    def _blocks(self) -> dict[str, slice]:
+        blocks, start = {}, self.n_inertial
+        for name in terms.FRICTION_TERMS:
+            blocks[name] = slice(start, start + self.robot.nv * (name in self.joint_terms))
+            start = blocks[name].stop
+        return blocks
+
+    @functools.cached_property
     def friction(self) -> slice:
         """Where theta_F stands in theta: viscous and Coulomb friction and offsets."""
         return slice(self.n_inertial, self.n_inertial + self.n_friction)
@@ -282,11 +289,6 @@ class Regressors:
                 if name in self.joint_terms:
                     first[k], size[k] = self.block(name).start, 1 / self.scale[self.block(name)]
         return Columns(np.array([place[row], column]), columns[row, column], first, size, columns.shape[1])
-
-
-def _before(name: str) -> tuple[str, ...]:
-    """The friction terms that come before one."""
-    return terms.FRICTION_TERMS[: terms.FRICTION_TERMS.index(name)]
 
 
 def _require_span(

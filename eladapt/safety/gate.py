@@ -277,7 +277,7 @@ class TorqueGate:
         )  # fmt: skip
         if state.fault is not None:
             return state
-        alarm = self._danger(state) or self._beyond(state) or self.guard.alarm(guard, error, robot)
+        alarm = self._danger(state) or self._beyond(state) or self.guard.alarm(guard, error, v, robot)
         return self.latch(state, *alarm) if alarm else state
 
     def _danger(self, state: GateState) -> Alarm | None:

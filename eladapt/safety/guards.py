@@ -1,9 +1,9 @@
 """What shows that a closed loop is coming apart, from positions, velocities and torques alone.
 
-Four signs, joint by joint: an error that grows far beyond what the set-point asked for, half-waves of
+Five signs, joint by joint: an error that grows far beyond what the set-point asked for, half-waves of
 velocity that grow with alternate sign (an ordinary move has none, whatever its frequency; the kinetic energy
 of a joint grows with their squares), half-waves that do not end although the goal rests, and full torque for
-a long time without motion.
+a long time without motion, or for a while against a motion that it does not slow down.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eladapt.compiling import FLAGS, SCALAR, VECTOR, kernel
+from eladapt.compiling import SCALAR, VECTOR, kernel
 from eladapt.errors import require_number
 from eladapt.robot.model import Robot
 
@@ -37,6 +37,8 @@ class GuardState(NamedTuple):
     goal: np.ndarray  # (nq,) the last set-point
     swing: Swing
     stalled: np.ndarray  # (nv,) [s] at full torque without motion
+    yielding: np.ndarray  # (nv,) [s] at full torque against the motion
+    yielded: np.ndarray  # (nv,) [rad/s] the speed when that began
 
 
 class Alarm(NamedTuple):
@@ -46,16 +48,17 @@ class Alarm(NamedTuple):
     message: str
 
 
-@kernel(*[VECTOR] * 11, FLAGS, *[SCALAR] * 8)
+@kernel(*[VECTOR] * 14, *[SCALAR] * 8)
 def watched(
     asked: np.ndarray, sign: np.ndarray, peak: np.ndarray, before: np.ndarray, growths: np.ndarray,
-    length: np.ndarray, lasting: np.ndarray, stalled: np.ndarray, error: np.ndarray, moved: np.ndarray,
-    v: np.ndarray, full: np.ndarray, kept: float, margin: float, stall_speed: float, least: float,
-    slowest: float, growth: float, decay: float, dt: float,
+    length: np.ndarray, lasting: np.ndarray, stalled: np.ndarray, yielding: np.ndarray, yielded: np.ndarray,
+    error: np.ndarray, moved: np.ndarray, v: np.ndarray, full: np.ndarray, kept: float, margin: float,
+    stall_speed: float, least: float, slowest: float, growth: float, decay: float, dt: float,
 ) -> np.ndarray:  # fmt: skip
-    """(8, nv): asked, the swing's six and stalled a sample later, see `DivergenceGuard`."""
+    """(10, nv): asked, the swing's six, stalled, yielding and yielded a sample later, see
+    `DivergenceGuard`."""
     n, moves = len(v), False
-    after = np.empty((8, n))
+    after = np.empty((10, n))
     for i in range(n):
         moves = moves or moved[i] != 0.0
     for i in range(n):
@@ -64,7 +67,9 @@ def watched(
             far = abs(moved[i]) > margin
             after[0, i] = abs(error[i]) if far else after[0, i] + abs(moved[i])
         speed, waves = abs(v[i]), 0.0 if moves else lasting[i]
-        after[7, i] = stalled[i] + dt if full[i] and speed < stall_speed else 0.0
+        after[7, i] = stalled[i] + dt if full[i] != 0.0 and speed < stall_speed else 0.0
+        after[8, i] = yielding[i] + dt if full[i] * v[i] < 0.0 else 0.0
+        after[9, i] = yielded[i] if yielding[i] > 0.0 else speed
         if v[i] == 0.0 or np.sign(v[i]) == sign[i]:
             after[1, i], after[2, i], after[3, i] = sign[i], max(peak[i], speed), before[i]
             after[4, i], after[5, i], after[6, i] = growths[i], length[i] + dt, waves
@@ -78,10 +83,11 @@ def watched(
     return after
 
 
-@kernel(*[VECTOR] * 5, *[SCALAR] * 5)
+@kernel(*[VECTOR] * 8, *[SCALAR] * 7)
 def diverging(
-    error: np.ndarray, asked: np.ndarray, growths: np.ndarray, lasting: np.ndarray, stalled: np.ndarray,
-    factor: float, margin: float, most_growths: float, most_waves: float, longest: float,
+    error: np.ndarray, asked: np.ndarray, v: np.ndarray, growths: np.ndarray, lasting: np.ndarray,
+    stalled: np.ndarray, yielding: np.ndarray, yielded: np.ndarray, factor: float, margin: float,
+    most_growths: float, most_waves: float, longest: float, longest_yielding: float, least: float,
 ) -> tuple[int, int]:  # fmt: skip
     """The first sign of divergence, in the order of the module's text, and the joint that shows it most;
     (-1, -1): there is none."""
@@ -99,7 +105,12 @@ def diverging(
         return 1, growing
     if lasting[waving] >= most_waves:
         return 2, waving
-    return (3, stalling) if stalled[stalling] > longest else (-1, -1)
+    if stalled[stalling] > longest:
+        return 3, stalling
+    for i in range(len(error)):
+        if yielding[i] > longest_yielding and abs(v[i]) > yielded[i] + least:
+            return 4, i
+    return -1, -1
 
 
 @kernel(VECTOR, VECTOR, VECTOR, SCALAR)
@@ -121,7 +132,8 @@ class DivergenceGuard:
     half-wave, ``growths`` times in a row, above ``least_speed`` [rad/s] and each shorter than ``slowest``
     [s]. decay, waves, slowest [s]: a swing that keeps more than ``decay`` of itself from half-wave to
     half-wave, ``waves`` times in a row, above ``least_speed`` and each shorter than ``slowest``, at a goal
-    that rests. stall [s]: at full torque and below ``stall_speed`` [rad/s] for so long.
+    that rests. stall [s]: at full torque and below ``stall_speed`` [rad/s] for so long. yielding [s]: at full
+    torque against the motion for so long, and by ``least_speed`` faster than when that began.
     """
 
     error_factor: float = 1.5
@@ -135,6 +147,7 @@ class DivergenceGuard:
     slowest: float = 0.4
     stall: float = 1.0
     stall_speed: float = 0.02
+    yielding: float = 0.1
 
     def __post_init__(self) -> None:
         for name in ("error_factor", "growth"):
@@ -142,13 +155,14 @@ class DivergenceGuard:
         require_number("decay", self.decay, 0, 1)
         for name in (
             "error_margin", "memory", "growths", "least_speed", "waves", "slowest", "stall", "stall_speed",
+            "yielding",
         ):  # fmt: skip
             object.__setattr__(self, name, require_number(name, getattr(self, name), 0))
 
     def init(self, goal: np.ndarray, nv: int) -> GuardState:
         """Nothing seen; ``goal`` (nq,): where the robot stands."""
         zero = np.zeros(nv)
-        return GuardState(zero, goal, Swing(*[zero] * 6), zero)
+        return GuardState(zero, goal, Swing(*[zero] * 6), zero, zero, zero)
 
     def step(
         self,
@@ -160,20 +174,22 @@ class DivergenceGuard:
         full: np.ndarray,
         dt: float,
     ) -> GuardState:
-        """One more sample: error, v, how far the set-point moved, which torques are full, all (nv,)."""
+        """One more sample: error, v, how far the set-point moved, and where full torques turn, all (nv,)."""
         found = watched(
-            state.asked, *state.swing, state.stalled, error, moved, v, full, math.exp(-dt / self.memory),
-            self.error_margin, self.stall_speed, self.least_speed, self.slowest, self.growth, self.decay, dt,
+            state.asked, *state.swing, state.stalled, state.yielding, state.yielded, error, moved, v, full,
+            math.exp(-dt / self.memory), self.error_margin, self.stall_speed, self.least_speed, self.slowest,
+            self.growth, self.decay, dt,
         )  # fmt: skip
-        asked, *swing, stalled = found
-        return GuardState(asked, goal, Swing(*swing), stalled)
+        asked, *swing, stalled, yielding, yielded = found
+        return GuardState(asked, goal, Swing(*swing), stalled, yielding, yielded)
 
-    def alarm(self, state: GuardState, error: np.ndarray, robot: Robot) -> Alarm | None:
+    def alarm(self, state: GuardState, error: np.ndarray, v: np.ndarray, robot: Robot) -> Alarm | None:
         """The first sign of divergence, in the joint that shows it most."""
         swing = state.swing
         why, i = diverging(
-            error, state.asked, swing.growths, swing.lasting, state.stalled, self.error_factor,
-            self.error_margin, self.growths, self.waves, self.stall,
+            error, state.asked, v, swing.growths, swing.lasting, state.stalled, state.yielding, state.yielded,
+            self.error_factor, self.error_margin, self.growths, self.waves, self.stall, self.yielding,
+            self.least_speed,
         )  # fmt: skip
         if why < 0:
             return None
@@ -189,6 +205,7 @@ class DivergenceGuard:
             ),
             Alarm("oscillation", f"{name} swings at {speed} about a goal that rests"),
             Alarm("stall", f"{name} has not moved under full torque for {state.stalled[i]:.3g} s"),
+            Alarm("stall", f"{name} moves at {v[i]:.3g} rad/s against its full torque, ever faster"),
         )[why]
 
     def quiet(self, state: GuardState, error: np.ndarray) -> bool:

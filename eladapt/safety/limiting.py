@@ -23,10 +23,13 @@ def near(
 
 @kernel(VECTOR, VECTOR, VECTOR)
 def at_limit(tau: np.ndarray, sent: np.ndarray, effort: np.ndarray) -> np.ndarray:
-    """(nv,) which joints' torque, that acted or that was sent, is all that there is."""
-    full = np.empty(len(tau), dtype=np.bool_)
+    """(nv,) 1 or -1 for joints whose torque, that acted or that was sent, is all that there is, by where it
+    turns them; 0 for others."""
+    full = np.zeros(len(tau))
     for i in range(len(tau)):
-        full[i] = max(abs(tau[i]), abs(sent[i])) >= FULL * effort[i]
+        larger = tau[i] if abs(tau[i]) >= abs(sent[i]) else sent[i]
+        if abs(larger) >= FULL * effort[i]:
+            full[i] = 1.0 if larger > 0.0 else -1.0
     return full
 
 

@@ -114,27 +114,6 @@ def test_a_clock_that_is_set_back_is_a_new_time_base():
     np.testing.assert_allclose(moved.q, usual.q, atol=1e-6)
 
 
-def test_a_swing_that_does_not_end_is_named():
-    """A guard that sees a joint swing at 5 Hz about a goal that rests names it within two seconds, and not
-    one that dies away."""
-    from eladapt.safety.guards import DivergenceGuard
-
-    robot, guard, still = load("two_link"), DivergenceGuard(), np.zeros(2)
-
-    def named(decay):
-        state = guard.init(still, 2)
-        for k in range(2000):
-            t = k * DT
-            v = np.array([0.5 * np.exp(-decay * t) * np.cos(10 * np.pi * t), 0.0])
-            state = guard.step(state, still, still, still, v, np.zeros(2, dtype=bool), DT)
-            if alarm := guard.alarm(state, still, robot):
-                return alarm.name
-        return None
-
-    assert named(0.0) == "oscillation"
-    assert named(2.0) is None
-
-
 def test_thresholds_follow_the_arm():
     """What a person who pushes makes of torque is no reason for an alarm, in no joint."""
     robot = load("panda")

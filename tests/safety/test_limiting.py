@@ -35,7 +35,8 @@ def test_torque_is_limited_by_rate_and_effort():
         tau, last, rate, effort = some(rng, 5.0), some(rng), limits(rng), limits(rng)
         expected = np.clip(np.clip(tau, last - rate * 0.1, last + rate * 0.1), -effort, effort)
         np.testing.assert_array_equal(limiting.near(tau, last, rate, effort, 0.1), expected)
-        full = np.maximum(np.abs(tau), np.abs(last)) >= limiting.FULL * effort
+        larger = np.where(np.abs(tau) >= np.abs(last), tau, last)
+        full = np.sign(larger) * (np.abs(larger) >= limiting.FULL * effort)
         np.testing.assert_array_equal(limiting.at_limit(tau, last, effort), full)
 
 
@@ -89,9 +90,10 @@ def test_a_half_wave_ends_where_a_joint_turns():
         moved = some(rng) * (rng.random() < 0.5)
         error, v, sign = some(rng), some(rng), np.sign(some(rng))
         asked, peak, before = np.abs([some(rng), some(rng), some(rng)])
-        length, stalled = rng.uniform(0, 1, (2, NV))
+        length, stalled, yielded = rng.uniform(0, 1, (3, NV))
+        yielding = rng.uniform(0, 1, NV) * (rng.random(NV) < 0.5)
         growths, lasting = rng.integers(0, 5, (2, NV)) * 1.0
-        full = rng.random(NV) < 0.5
+        full = rng.integers(-1, 2, NV) * 1.0
         kept, margin, slow, least, slowest, growth, decay, dt = 0.9, 0.5, 0.1, 0.2, 0.5, 1.05, 0.9, 0.01
         now = kept * asked
         if moved.any():
@@ -109,10 +111,12 @@ def test_a_half_wave_ends_where_a_joint_turns():
             np.where(turned, np.where(swings & (peak > growth * before), growths + 1, 0), growths),
             np.where(turned, 0, length + dt),
             np.where(turned, np.where(swings & (peak > decay * before), lasting_now + 1, 0), lasting_now),
-            np.where(full & (np.abs(v) < slow), stalled + dt, 0),
+            np.where((full != 0) & (np.abs(v) < slow), stalled + dt, 0),
+            np.where(full * v < 0, yielding + dt, 0),
+            np.where(yielding > 0, yielded, np.abs(v)),
         ]
         found = guards.watched(
-            asked, sign, peak, before, growths, length, lasting, stalled, error, moved, v, full, kept, margin,
-            slow, least, slowest, growth, decay, dt,
+            asked, sign, peak, before, growths, length, lasting, stalled, yielding, yielded, error,
+            moved, v, full, kept, margin, slow, least, slowest, growth, decay, dt,
         )  # fmt: skip
         np.testing.assert_array_equal(found, expected)
