@@ -105,8 +105,8 @@ def test_two_threads_read_their_own_numbers(kind, name):
     calls = [functools.partial(asked, kind, name, share) for share in (0.3, 0.9)]
     expected = [call() for call in calls]
     trace = (
-        None if name in ("source", "document", "visual_model") else handing_over
-    )  # these read files, for a minute
+        None if name in ("source", "document", "visual_model", "edited") else handing_over
+    )  # these read files, for minutes
     for found, one in zip(side_by_side(*calls, trace=trace), expected, strict=True):
         assert len(found) == ROUNDS
         assert all(other == one for other in found)

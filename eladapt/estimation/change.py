@@ -80,7 +80,7 @@ class ChangeDetector:
     pause: float = 0.2
     margin: float = 0.05
     slow: np.ndarray | None = None
-    friction: float = 0.03
+    friction: float = 0.02
     pole: float = 20.0
 
     def __post_init__(self) -> None:
@@ -133,7 +133,7 @@ def surprise(
     parameters: np.ndarray,
     doubt: np.ndarray | float = 0.0,
 ) -> float:
-    """Square of what the rows contradict the least-squares estimate by, beyond their ``doubt`` (m,), where
+    """Square of what the rows contradict the least-squares estimate by, if by more than ``doubt`` (m,), where
     that is known.
 
     The prior in the triangle is no knowledge: a row counts when the data tell `TOLD` of its direction.
@@ -143,5 +143,5 @@ def surprise(
     if not np.any(told > TOLD):
         return 0.0
     known = information.completed(parameters)
-    beyond = np.maximum(np.abs(y - omega @ known) - doubt, 0.0)
-    return float(np.sum(np.where(told > TOLD, beyond, 0.0) ** 2))
+    left = y - omega @ known
+    return float(np.sum(np.where((told > TOLD) & (np.abs(left) > doubt), left, 0.0) ** 2))

@@ -18,7 +18,8 @@ ENOUGH = 20  # steps, after which what is usual of a row is known
 class StepErrors(NamedTuple):
     """What theta leaves unexplained of single steps."""
 
-    level: np.ndarray  # (nv,) of the last step that counted, NaN where there was none
+    level: np.ndarray  # (nv,) of the last step that counted
+    known: np.ndarray  # (nv,) 1 where there was one, 0 elsewhere
     scatter: np.ndarray  # (nv,) mean square of its changes
     seen: np.ndarray  # (nv,) how many there were
     apart: int  # how many steps in succession have not counted
@@ -41,25 +42,29 @@ def step_errors(
     return errors
 
 
-@kernel(VECTOR, VECTOR, VECTOR, VECTOR, COUNT, COUNT, SCALAR, SCALAR, SCALAR)
+@kernel(*[VECTOR] * 5, COUNT, COUNT, *[SCALAR] * 3)
 def judged(
-    errors: np.ndarray, level: np.ndarray, scatter: np.ndarray, seen: np.ndarray, apart: int, most: int,
-    least: float, factor: float, share: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:  # fmt: skip
+    errors: np.ndarray, level: np.ndarray, known: np.ndarray, scatter: np.ndarray, seen: np.ndarray,
+    apart: int, most: int, least: float, factor: float, share: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:  # fmt: skip
     """`StepErrors` after a step with these errors."""
     after, counts, jumps = scatter.copy(), seen.copy(), False
+    levels, valid = np.zeros(len(errors)), np.zeros(len(errors))
     for i in range(len(errors)):
-        change = errors[i] - level[i]
-        if isnan(change):
+        if isnan(errors[i]):
             continue
+        levels[i], valid[i] = errors[i], 1.0
+        if known[i] == 0.0:
+            continue
+        change = errors[i] - level[i]
         square, limit = change * change, max(least * least, factor * factor * scatter[i])
         if seen[i] >= ENOUGH and square > limit:
             square, jumps = limit, True
         counts[i] += 1
         after[i] += max(share, 1 / counts[i]) * (square - scatter[i])
     if jumps and apart < most:
-        return level, after, counts, apart + 1
-    return errors, after, counts, 0
+        return level, known, after, counts, apart + 1
+    return levels, valid, after, counts, 0
 
 
 @kernel(VECTOR, VECTOR, VECTOR, VECTOR)
@@ -101,7 +106,8 @@ class MistimedSteps:
 
     def init(self, nv: int) -> StepErrors:
         """Nothing known yet."""
-        return StepErrors(np.full(nv, nan), np.zeros(nv), np.zeros(nv), 0)
+        level, known, scatter, seen = np.zeros((4, nv))
+        return StepErrors(level, known, scatter, seen, 0)
 
     def step(
         self, state: StepErrors, before: Regression, after: Regression, theta: np.ndarray, dt: float

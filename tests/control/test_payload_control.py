@@ -69,12 +69,12 @@ def test_a_move_weighs_a_load():
 
 
 def test_a_load_that_goes_is_a_negative_one():
-    """Let go when the arm has come home: noticed within 50 ms, of which 40 tell it from a contact; and after
+    """Let go when the arm has come home: noticed within 55 ms, of which 40 tell it from a contact, and 4 from friction of slow joints; after
     a move the same mass is missing."""
     controller, record = move_on(release=4.5)
     change = record.final_state.change
     assert change.noticed == 2
-    assert 4.5 < change.t < 4.55
+    assert 4.5 < change.t < 4.555
     assert ea.payload(controller, record.final_state).mass == pytest.approx(-2.0, rel=1e-4)
 
 
