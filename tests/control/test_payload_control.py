@@ -69,7 +69,7 @@ def test_a_move_weighs_a_load():
 
 
 def test_a_load_that_goes_is_a_negative_one():
-    """Let go when the arm has come home: noticed within 55 ms, of which 40 tell it from a contact, and 4 from friction of slow joints; after
+    """Let go when the arm has come home: noticed within 55 ms, of which 40 tell it from a contact; and after
     a move the same mass is missing."""
     controller, record = move_on(release=4.5)
     change = record.final_state.change
