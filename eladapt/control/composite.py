@@ -14,6 +14,7 @@ from eladapt.control.disturbance import DisturbanceEstimate
 from eladapt.control.finite_time import FiniteTimePD
 from eladapt.control.learned_joints import LearnedJoints
 from eladapt.control.learning import advanced, joint_inertia, snapshot
+from eladapt.control.patience import Patience
 from eladapt.control.reports import carried
 from eladapt.control.starting import friction_bounds, starting_parameters
 from eladapt.control.state import ControllerState
@@ -35,6 +36,7 @@ from eladapt.robot.joint_limits import require_limit, speed
 from eladapt.robot.model import Robot
 from eladapt.signals import Measurement, MixedRegression, Reference, Regression
 
+RIPPLE = 0.01  # of the effort limit: what makes a joint swing
 SLOW = 0.02  # of its speed limit: what a joint that breaks loose has not reached
 
 
@@ -53,9 +55,10 @@ class CompositeController:
     detector: notices a load that comes or goes; filters and information then start afresh, and the estimate
     goes on from where it was. disturbance: feeds forward what the model does not explain. touch: tells a
     contact from a load, and lets learning rest while it lasts. timing: leaves out steps whose time stamps are
-    wrong. gains: which rule set each gain, where `for_robot` did. rest_speed [rad/s]: a joint that is slower
-    feeds no direct term, which would integrate noise and stiction as long as the arm rests; what pushes it is
-    the disturbance's. nominal_dt [s]: the step that the gains were made for, None if any will do.
+    wrong. patience: looks further ahead where a delay that nobody told makes the loop swing. gains: which
+    rule set each gain, where `for_robot` did. rest_speed [rad/s]: a joint that is slower feeds no direct
+    term, which would integrate noise and stiction as long as the arm rests; what pushes it is the
+    disturbance's. nominal_dt [s]: the step that the gains were made for, None if any will do.
     """
 
     regressors: Regressors
@@ -70,6 +73,7 @@ class CompositeController:
     disturbance: DisturbanceEstimate | None = None
     touch: ContactDetector | None = None
     timing: MistimedSteps | None = None
+    patience: Patience | None = None
     gains: Gains | None = None
     rest_speed: float = 0.0
     nominal_dt: float | None = None
@@ -124,6 +128,7 @@ class CompositeController:
         regressors = Regressors(robot, joint_terms=joint_terms)
         hardware = Hardware(position_noise, velocity_noise, delay, velocity_lag, jitter)
         gains = derive_gains(regressors, dt, given, hardware)
+        limit = effort(robot, extremes(robot))
         slow = SLOW * speed(robot.velocity_limit) if regressors.coulomb else None
         return cls(
             regressors=regressors,
@@ -148,8 +153,9 @@ class CompositeController:
                 gains.tolerance,
                 gains.still_speed,
             ),
-            touch=ContactDetector(regressors, effort(robot, extremes(robot))),
+            touch=ContactDetector(regressors, limit),
             timing=MistimedSteps(gains.pole),
+            patience=Patience(RIPPLE * limit),
             gains=gains,
             rest_speed=gains.stiction_speed,
             nominal_dt=dt,
@@ -188,6 +194,7 @@ class CompositeController:
             information=information,
             disturbance=self.disturbance.init(self.robot.nv) if self.disturbance else None,
             noise=np.zeros(len(filters.y)),
+            ripple=self.patience.init(self.robot.nv) if self.patience else None,
             steps=self.timing.init(self.robot.nv) if self.timing else None,
             inertia=np.zeros(self.robot.nv) if self.joints else None,
         )
@@ -224,12 +231,22 @@ class CompositeController:
         if measurement.t != state.measurement.t:
             moving = mass_matrix if reference.v.any() or reference.a.any() else None
             state = advanced(self, state, Sample(measurement, regressor, e1, e2, moving), dt)
-        feedback = self.control.torque(e1, e2, mass_matrix, dt)
+            if self.patience and state.ripple:
+                state = state._replace(ripple=self.patience.step(state.ripple, e2, mass_matrix, dt))
+        feedback = self._feedback(state, e1, e2, mass_matrix, dt)
         wanted = feedback + regressor @ state.parameters
         if state.disturbance is not None:
             wanted += state.disturbance
         wanted = require_vector("torque of the control law", wanted, robot.nv)
         return state, clipped(wanted, self.effort_limit)
+
+    def _feedback(
+        self, state: ControllerState, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """(nv,) [N m] of the control law, which looks further ahead where it has a horizon that may grow."""
+        if state.ripple and isinstance(self.control, FiniteTimePD):
+            return self.control.torque(e1, e2, mass_matrix, dt, state.ripple.factor)
+        return self.control.torque(e1, e2, mass_matrix, dt)
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -94,13 +94,18 @@ class FiniteTimePD:
         """The law itself (nv,), at one state."""
         return -self.P * signed_power(e1, self.a) - self.D * signed_power(e2, self.b) - self.D_L * e2
 
-    def torque(self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float) -> np.ndarray:
-        """The torque (nv,) to hold for the next dt [s]; mass_matrix: M(q), as far as it is known."""
+    def torque(
+        self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float, longer: float = 1.0
+    ) -> np.ndarray:
+        """The torque (nv,) to hold for the next dt [s]; mass_matrix: M(q), as far as it is known; longer: how
+        many times the horizon is to be looked ahead."""
         if self.evaluation == "explicit":
             return self.law(e1, e2)
         if self.evaluation == "slope_limited":
             return self._slope_limited(e1, e2, mass_matrix, dt)
         P, D, D_L, horizon = self.gains(len(e2))
+        if longer > 1.0:
+            horizon = longer * np.maximum(horizon, dt)
         return solved_torque(e1, e2, mass_matrix, P, D, D_L, self.a, self.b, horizon, dt)
 
     def _slope_limited(

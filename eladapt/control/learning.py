@@ -55,9 +55,10 @@ def advanced(own: CompositeController, state: ControllerState, sample: Sample, d
             inertia = joint_inertia(own, state)  # whatever changed, it was not the joints
     theta = own.mixing.follow(own.law, information, theta, state.n_potential, dt)
     noise = own.joints.noise(state.noise, regression, theta, dt) if own.joints else state.noise
-    return ControllerState(
-        measurement, own.law.bounded(theta, state.n_potential), state.n_potential, filters, regression,
-        information, change, disturbance, noise, contact, steps, inertia,
+    return state._replace(
+        measurement=measurement, parameters=own.law.bounded(theta, state.n_potential), filters=filters,
+        regression=regression, information=information, change=change, disturbance=disturbance, noise=noise,
+        contact=contact, steps=steps, inertia=inertia,
     )  # fmt: skip
 
 

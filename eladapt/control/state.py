@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eladapt.control.patience import Ripple
 from eladapt.estimation.change import Change
 from eladapt.estimation.contact import ContactState
 from eladapt.estimation.mistimed import StepErrors
@@ -27,6 +28,7 @@ class ControllerState(NamedTuple):
     disturbance: JointVector | None = None  # (nv,) [N m] what neither theta nor the control law explains
     noise: np.ndarray = UNKNOWN  # (m,) mean square of what theta leaves of each row of the regression
     contact: ContactState | None = None  # what acts from outside
+    ripple: Ripple | None = None  # whether the loop swings
     steps: StepErrors | None = None  # what single steps left unexplained
     inertia: JointVector | None = None  # (nv,) [kg m^2] of the joints, when the information last began afresh
 
