@@ -58,7 +58,7 @@ class Patience:
     and a move does not turn back so often. Each time the horizon grows by ``growth``, up to ``most`` times
     what it was.
 
-    least (nv,) [N m]: a smaller torque that accelerates a joint so is not looked at. The factor is part of the
+    least (nv,) [N m]: a smaller torque that makes a joint swing is not looked at. The factor is part of the
     state: it stays for as long as that is carried on. What a longer horizon costs is stiffness. Measured, not
     proven: benchmarks/results/hardware_effects.md. Raises ArgumentError for what is not positive.
     """
