@@ -245,7 +245,7 @@ class CompositeController:
     ) -> np.ndarray:
         """(nv,) [N m] of the control law, which looks further ahead where it has a horizon that may grow."""
         if state.ripple and isinstance(self.control, FiniteTimePD):
-            return self.control.torque(e1, e2, mass_matrix, dt, state.ripple.factor)
+            return self.control.torque(e1, e2, mass_matrix, dt, state.ripple.ahead)
         return self.control.torque(e1, e2, mass_matrix, dt)
 
     @property

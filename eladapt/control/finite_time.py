@@ -95,17 +95,17 @@ class FiniteTimePD:
         return -self.P * signed_power(e1, self.a) - self.D * signed_power(e2, self.b) - self.D_L * e2
 
     def torque(
-        self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float, longer: float = 1.0
+        self, e1: np.ndarray, e2: np.ndarray, mass_matrix: np.ndarray, dt: float, ahead: float = 0.0
     ) -> np.ndarray:
-        """The torque (nv,) to hold for the next dt [s]; mass_matrix: M(q), as far as it is known; longer: how
-        many times the horizon is to be looked ahead."""
+        """The torque (nv,) to hold for the next dt [s]; mass_matrix: M(q), as far as it is known; ahead: how
+        many steps the horizon is at least."""
         if self.evaluation == "explicit":
             return self.law(e1, e2)
         if self.evaluation == "slope_limited":
             return self._slope_limited(e1, e2, mass_matrix, dt)
         P, D, D_L, horizon = self.gains(len(e2))
-        if longer > 1.0:
-            horizon = longer * np.maximum(horizon, dt)
+        if ahead > 1.0:
+            horizon = np.maximum(horizon, ahead * dt)
         return solved_torque(e1, e2, mass_matrix, P, D, D_L, self.a, self.b, horizon, dt)
 
     def _slope_limited(

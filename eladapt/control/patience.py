@@ -20,7 +20,7 @@ class Ripple(NamedTuple):
     before: np.ndarray  # (nv,) [rad/s] that of the half-wave before
     length: np.ndarray  # (nv,) in how many samples it lasted so far
     waves: np.ndarray  # (nv,) how many in a row were a loop's that swings
-    factor: float  # by which the horizon is longer
+    ahead: float  # how many steps the control law looks ahead at least
 
 
 @kernel(*[VECTOR] * 7, MATRIX, VECTOR, *[SCALAR] * 4)
@@ -55,12 +55,12 @@ class Patience:
     The law near rest is a stiff PD that answers within its horizon, and a delay that is longer makes it swing
     (`eladapt.gains.sensing`). Such a swing has ``waves`` half-waves in a row of ``shortest`` to ``longest``
     samples, none of which is smaller than ``kept`` of the one before: noise turns back from sample to sample,
-    and a move does not turn back so often. Each time the horizon grows by ``growth``, up to ``most`` times
-    what it was.
+    and a move does not turn back so often. Each time the least horizon grows by ``growth``, from one step to
+    ``most``: what is told asks for a longer one where it has to.
 
-    least (nv,) [N m]: a smaller torque that makes a joint swing is not looked at. The factor is part of the
-    state: it stays for as long as that is carried on. What a longer horizon costs is stiffness. Measured, not
-    proven: benchmarks/results/hardware_effects.md. Raises ArgumentError for what is not positive.
+    least (nv,) [N m]: a smaller torque that makes a joint swing is not looked at. How far ahead is part of
+    the state and stays for as long as that is carried on. What a longer horizon costs is stiffness. Measured,
+    not proven: benchmarks/results/hardware_effects.md. Raises ArgumentError for what is not positive.
     """
 
     least: np.ndarray
@@ -69,7 +69,7 @@ class Patience:
     longest: int = 20
     kept: float = 0.8
     growth: float = 1.3
-    most: float = 8.0
+    most: float = 10.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "least", require_gain("least", self.least, np.size(self.least)))
@@ -85,14 +85,13 @@ class Patience:
 
     def step(self, state: Ripple, e2: np.ndarray, mass_matrix: np.ndarray, dt: float) -> Ripple:
         """One more sample, dt [s] after the last: e2 (nv,), mass_matrix M(q) (nv, nv)."""
-        last, sign, peak, before, length, waves, factor = state
+        last, sign, peak, before, length, waves, ahead = state
         found = rippled(
             e2, last, sign, peak, before, length, waves, mass_matrix, self.least, self.kept,
             self.shortest, self.longest, dt,
         )  # fmt: skip
         sign, peak, before, length, waves = found
         if waves.max() < self.waves:
-            return Ripple(e2, sign, peak, before, length, waves, factor)
-        return Ripple(
-            e2, sign, peak, before, length, np.zeros_like(waves), min(factor * self.growth, self.most)
-        )
+            return Ripple(e2, sign, peak, before, length, waves, ahead)
+        ahead = min(ahead * self.growth, self.most)
+        return Ripple(e2, sign, peak, before, length, np.zeros_like(waves), ahead)

@@ -14,26 +14,26 @@ DT = 1e-3
 NOISE = ea.Noise(1e-4, 1e-3)
 
 
-def factor_of(e2, mass=1.0, **options):
-    """After these velocity errors (N,), of a joint of 1 kg m^2 with 1 N m that counts."""
+def ahead_after(e2, mass=1.0, **options):
+    """[steps] after these velocity errors (N,), of a joint of 1 kg m^2 with 1 N m that counts."""
     patience = Patience(np.ones(1), **options)
     state, matrix = patience.init(1), np.array([[mass]])
     for value in e2:
         state = patience.step(state, np.array([value]), matrix, DT)
-    return state.factor
+    return state.ahead
 
 
 def test_a_swing_of_eight_half_waves_makes_the_horizon_longer():
-    """At 50 Hz with 5 rad/s^2: a third longer each 80 ms, and no more than `most` times."""
+    """At 50 Hz with 5 rad/s^2: a third longer each 80 ms, and no more than `most` steps."""
     t = DT * np.arange(1000)
     swing = 5.0 / (100 * np.pi) * np.sin(100 * np.pi * t)
-    assert factor_of(swing[:75]) == 1.0
-    assert factor_of(swing[:110]) == 1.3
-    assert factor_of(swing) == 8.0
-    assert factor_of(0.19 * swing) == 1.0  # less than 1 N m
-    assert factor_of(swing * 0.75 ** (t / 0.01)) == 1.0  # three quarters from half-wave to half-wave
-    assert factor_of(1e-3 * np.random.default_rng(0).normal(size=100_000)) == 1.0
-    assert factor_of(0.5 * np.sin(2 * np.pi * 3 * t)) == 1.0  # 3 Hz is a motion
+    assert ahead_after(swing[:75]) == 1.0
+    assert ahead_after(swing[:110]) == 1.3
+    assert ahead_after(swing) == 10.0
+    assert ahead_after(0.19 * swing) == 1.0  # less than 1 N m
+    assert ahead_after(swing * 0.75 ** (t / 0.01)) == 1.0  # three quarters from half-wave to half-wave
+    assert ahead_after(1e-3 * np.random.default_rng(0).normal(size=100_000)) == 1.0
+    assert ahead_after(0.5 * np.sin(2 * np.pi * 3 * t)) == 1.0  # 3 Hz is a motion
 
 
 def settled(name, late=0.0, noise=None, patient=True, friction=None):
@@ -62,7 +62,7 @@ def test_a_delay_that_nobody_told_is_borne(name, late):
     """Where it makes a loop swing by tens of newton metres and millimetres, it does no more."""
     state, error, ripple = settled(name, late)
     _, swinging, torque = settled(name, late, patient=False)
-    assert state.ripple.factor > 1.0
+    assert state.ripple.ahead > 1.0
     assert error < 1e-4  # [rad]: where the swing has died away, a second after the motion
     assert ripple < 0.05 * torque
     assert error < 0.05 * swinging
@@ -73,4 +73,4 @@ def test_a_delay_that_nobody_told_is_borne(name, late):
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_nothing_else_makes_a_loop_look_further_ahead(name, friction, noise):
     """Neither noise that nobody told nor friction that must be learned, nor both."""
-    assert settled(name, noise=noise, friction=friction)[0].ripple.factor == 1.0
+    assert settled(name, noise=noise, friction=friction)[0].ripple.ahead == 1.0

@@ -147,7 +147,7 @@ def panda(wrap, duration: float = 2.0, **known) -> ea.Record:
 def test_a_delay_that_is_told_does_no_harm():
     """2 ms: as good as without delay, and no time is lost in finding the horizon, as `Patience` does."""
     told, free = panda(lambda plant: Delay(plant, 2e-3), delay=2e-3), panda(lambda plant: plant)
-    assert told.final_state.ripple.factor == 1.0
+    assert told.final_state.ripple.ahead == 1.0
     assert told.settling_time(1e-3) < free.settling_time(1e-3) + 0.1, "the softer law arrives a little later"
     assert np.abs(told.error[-200:]).max() < 1e-5
 
