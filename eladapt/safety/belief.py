@@ -34,7 +34,6 @@ from eladapt.gains.extremes import levers
 from eladapt.robot.joint_limits import speed
 from eladapt.robot.model import Robot
 from eladapt.safety.guards import Alarm
-from eladapt.safety.limiting import FULL
 
 SPANS = np.array([3, 15])  # samples of a mean; x and z are between two that follow each other
 ENOUGH = 2 * SPANS + 2  # samples in a row: a step of something else spoils two spans
@@ -167,17 +166,15 @@ def doubted(
 class Belief:
     """Thresholds, (nv,): what torque has to change by before a joint is judged by how it answers.
 
-    effort [N m]: the limits. least [N m]: the change over SPAN samples that says something at all.
-    against [N m]: that in a run that is opposed; silent [N m]: in one without an answer, from its first
-    to its last, which friction alone may cause: twice itself, where it holds a joint in both directions;
-    and the torque that is missed where it is not felt. A joint at its limit is judged by against. rotor
-    [kg m^2]: the largest that is believed. contradiction [rad]: by how much a position may leave its
-    velocity's integral beside a share of the way. still [rad/s]: below it a joint rests; halting: above
-    it none halts between two samples. Raises ArgumentError for what is not positive.
+    least [N m]: the change over SPAN samples that says something at all. against [N m]: that in a run that
+    is opposed; silent [N m]: in one without an answer, from its first to its last, which friction alone may
+    cause: twice itself, where it holds a joint in both directions; and the torque that is missed where it is
+    not felt. rotor [kg m^2]: the largest that is believed. contradiction [rad]: by how much a position may
+    leave its velocity's integral beside a share of the way. still [rad/s]: below it a joint rests; halting:
+    above it none halts between two samples. Raises ArgumentError for what is not positive.
     """
 
     robot: Robot
-    effort: np.ndarray
     least: np.ndarray
     against: np.ndarray
     silent: np.ndarray
@@ -187,7 +184,7 @@ class Belief:
     halting: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in ("effort", "least", "against", "silent", "rotor", "contradiction", "still", "halting"):
+        for name in ("least", "against", "silent", "rotor", "contradiction", "still", "halting"):
             object.__setattr__(self, name, require_gain(name, getattr(self, name), self.robot.nv))
 
     @classmethod
@@ -201,7 +198,6 @@ class Belief:
         fastest, pushed = speed(velocity), PUSH * (levers(robot) + HAND)
         return cls(
             robot,
-            effort=effort,
             least=0.01 * effort,
             against=np.maximum(0.04 * effort, pushed),
             silent=np.maximum(0.25 * effort + robot.friction, 1.5 * pushed),
@@ -273,12 +269,9 @@ class Belief:
 
     def alarm(self, state: BeliefState) -> Alarm | None:
         """The joint that is not to be believed, and why."""
-        # A joint at its limit has no more to give: a wrist may not have as much left as would be asked of it.
-        full = np.abs(state.rows[0, -1]) >= FULL * self.effort
         found = doubted(
-            state.opposed, state.turned, state.deaf, state.pushed, state.idle, self.against,
-            np.where(full, self.against, self.silent), ENOUGH,
-            state.drift, state.way, state.jitter, self.contradiction, state.same, state.paced,
+            state.opposed, state.turned, state.deaf, state.pushed, state.idle, self.against, self.silent,
+            ENOUGH, state.drift, state.way, state.jitter, self.contradiction, state.same, state.paced,
             self.halting, state.lively,
         )  # fmt: skip
         if found < 0:

@@ -149,18 +149,3 @@ def test_an_arm_that_moves_as_if_a_large_torque_did_not_act_is_not_believed(befo
     for part in [before] * 10 + [needed] * 25:
         state = belief.step(state, still, still, still, torque, part * torque, DT)
     assert (getattr(belief.alarm(state), "name", None) == "unresponsive") == alarms
-
-
-@pytest.mark.parametrize(("full", "alarms"), [(True, True), (False, False)])
-def test_a_joint_at_its_limit_need_not_be_asked_for_more_than_it_has(full, alarms):
-    """A wrist that gives all its 12 N m, 8 N m more than it needs, and does not move: what it carries is too
-    heavy. With as much more of a torque that is not all, it may be friction."""
-    robot = load("panda")
-    belief = Belief.for_robot(robot, robot.effort_limit, robot.velocity_limit)
-    state, still = belief.init(), np.zeros(robot.nv)
-    last = robot.effort_limit[5] if full else robot.effort_limit[5] - 1.0
-    assert belief.against[5] < 8.0 < belief.silent[5]
-    for k in range(100):
-        torque = put(still, 5, last - 8.0 * max(0.0, 1 - k / 50))
-        state = belief.step(state, still, still, still, torque, put(still, 5, last - 8.0), DT)
-    assert (getattr(belief.alarm(state), "name", None) == "unresponsive") == alarms
