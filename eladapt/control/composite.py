@@ -232,7 +232,7 @@ class CompositeController:
             moving = mass_matrix if reference.v.any() or reference.a.any() else None
             state = advanced(self, state, Sample(measurement, regressor, e1, e2, moving), dt)
             if self.patience and state.ripple:
-                state = state._replace(ripple=self.patience.step(state.ripple, e2, mass_matrix, dt))
+                state = state._replace(ripple=self.patience.step(state.ripple, e1, e2, mass_matrix, dt))
         feedback = self._feedback(state, e1, e2, mass_matrix, dt)
         wanted = feedback + regressor @ state.parameters
         if state.disturbance is not None:

@@ -14,12 +14,14 @@ DT = 1e-3
 NOISE = ea.Noise(1e-4, 1e-3)
 
 
-def ahead_after(e2, mass=1.0, **options):
-    """[steps] after these velocity errors (N,), of a joint of 1 kg m^2 with 1 N m that counts."""
-    patience = Patience(np.ones(1), **options)
-    state, matrix = patience.init(1), np.array([[mass]])
-    for value in e2:
-        state = patience.step(state, np.array([value]), matrix, DT)
+def ahead_after(e2, jump=0.0, every=50):
+    """[steps] after these velocity errors (N,), of a joint of 1 kg m^2 with 1 N m that counts; its goal
+    jumps by so many radians after so many samples."""
+    patience = Patience(np.ones(1))
+    state, matrix = patience.init(1), np.eye(1)
+    for k, value in enumerate(e2):
+        e1 = state.e1 + DT * value + (jump if k % every == 0 else 0.0)
+        state = patience.step(state, e1, np.array([value]), matrix, DT)
     return state.ahead
 
 
@@ -30,6 +32,7 @@ def test_a_swing_of_eight_half_waves_makes_the_horizon_longer():
     assert ahead_after(swing[:75]) == 1.0
     assert ahead_after(swing[:110]) == 1.3
     assert ahead_after(swing) == 10.0
+    assert ahead_after(swing, jump=0.5) == 1.0  # a goal every 50 ms
     assert ahead_after(0.19 * swing) == 1.0  # less than 1 N m
     assert ahead_after(swing * 0.75 ** (t / 0.01)) == 1.0  # three quarters from half-wave to half-wave
     assert ahead_after(1e-3 * np.random.default_rng(0).normal(size=100_000)) == 1.0
