@@ -38,7 +38,7 @@ def main() -> None:
     controllers: dict[str, Any] = {
         "joint impedance": JointImpedance(robot, gravity),
         "computed torque, URDF": ComputedTorque(robot),
-        "eladapt": client.controller_of(robot),
+        "eladapt": client.controller_of(robot, "nothing"),
     }
     rows, logs = [], []
     for load in LOADS:

@@ -132,7 +132,8 @@ def _known_friction(own: CompositeController, regression: Regression, theta: np.
     block = own.regressors.block("coulomb")
     if len(regression.y) != block.stop - block.start:
         return np.zeros(len(regression.y))
-    return np.abs(regression.omega[:, block].diagonal() * theta[block])
+    weight = np.broadcast_to(getattr(own.regression, "weight", 1.0), len(regression.y))
+    return weight * np.abs(theta[block] / own.regressors.scale[block])
 
 
 def joint_inertia(own: CompositeController, state: ControllerState) -> np.ndarray:

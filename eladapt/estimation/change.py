@@ -38,7 +38,7 @@ class Change(NamedTuple):
     before: Snapshot  # what was known before the last one
     recent: Snapshot  # at most `margin` old
     trusted: Snapshot  # `margin` to twice that old: before a change that is being noticed
-    slow: np.ndarray  # (nv,) in how much of what the filters remember each joint was slow
+    slow: np.ndarray  # (nv,) how much of a slow joint the filters remember, of the last time it was
 
     def __repr__(self) -> str:
         last = f", the last at t = {self.t:.6g} s" if self.noticed else ""
@@ -46,11 +46,11 @@ class Change(NamedTuple):
 
 
 @kernel(VECTOR, VECTOR, VECTOR, SCALAR)
-def slow_share(before: np.ndarray, v: np.ndarray, limit: np.ndarray, share: float) -> np.ndarray:
-    """(nv,) ``share`` of the way from ``before`` to 1 where a joint is slower than its limit, else to 0."""
+def slow_part(before: np.ndarray, v: np.ndarray, limit: np.ndarray, kept: float) -> np.ndarray:
+    """(nv,) 1 where a joint is slower than its limit, and ``kept`` of what it was where it is not."""
     after = np.empty(len(v))
     for i in range(len(v)):
-        after[i] = before[i] + share * ((1.0 if abs(v[i]) < limit[i] else 0.0) - before[i])
+        after[i] = 1.0 if abs(v[i]) < limit[i] else kept * before[i]
     return after
 
 
@@ -61,8 +61,8 @@ class ChangeDetector:
     least: in units of weighted rows, 0.01 of an effort limit with derived gains (0.9 N m on a Panda's
     shoulder). memory [s]: over which the quiet RMS is taken. pause [s]: least time between changes, and
     from the start to the first. margin [s]: what was learned so shortly before a change was noticed (a load
-    that comes slowly takes 10 ms) may have been learned of the changed arm, and is not used as what was
-    known before.
+    that comes slowly takes 10 ms, one that goes from an arm at rest 52) may have been learned of the changed
+    arm, and is not used as what was known before.
 
     slow (nv,) [rad/s]: a joint that breaks loose or turns back is slower, and friction does not jump with
     its sign then. What that may make of a row is no sign of a load: the Coulomb friction that is known, and
@@ -78,7 +78,7 @@ class ChangeDetector:
     factor: float = 6.0
     memory: float = 1.0
     pause: float = 0.2
-    margin: float = 0.05
+    margin: float = 0.07
     slow: np.ndarray | None = None
     friction: float = 0.02
     pole: float = 20.0
@@ -110,8 +110,8 @@ class ChangeDetector:
         each row, the Coulomb friction that is known, of joint i in row i.
         """
         if self.slow is not None:
-            share = -math.expm1(-self.pole * dt)
-            change = change._replace(slow=slow_share(change.slow, v, self.slow, share))
+            kept = math.exp(-self.pole * dt)
+            change = change._replace(slow=slow_part(change.slow, v, self.slow, kept))
         square = after.innovation**2
         if square > self.least**2:
             doubt = change.slow * np.maximum(self.friction, friction) if self.slow is not None else 0.0
